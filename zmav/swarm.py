@@ -34,9 +34,9 @@ planner whose book lacks it so long is stuck or cut off, and it is not known whe
 """
 SILENCE = 5.0
 """s without its book, which comes once a second: five in a row are hardly lost, and a standby takes over after three"""
-CHIEF_LOOK, CHIEF_ANSWER, CHIEF_END = 1.5, 3.0, 30.0
-"""s for a planner to be heard of, for an answer of it, and for the end of what it was asked: a preview is planned as it
-would be flown
+CHIEF_LOOK, CHIEF_ANSWER, CHIEF_END = 3.0, 3.0, 30.0
+"""s for a planner to be heard of (as long as one may be silent before a standby takes over), for an answer of it, and
+for the end of what it was asked: a preview is planned as it would be flown
 """
 BACK = ("rtl", "land")
 """orders that are for what is in the air"""

@@ -45,7 +45,7 @@ class MissionPeer(Peer):
         self.ids = {MISSION: 0, FENCE: 0, RALLY: 0}
         self.loss, self.delay = 0.0, 0.0
         self.random = random.Random(1)
-        self.time = 0.1
+        self.time = 1.0
         """ArduPilot's own timeouts (1 s, 8 s), times this"""
         self.asks = "MISSION_REQUEST_INT"
         self.times_asked = 1

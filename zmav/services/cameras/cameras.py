@@ -116,7 +116,11 @@ class Cameras:
         camera = None if status.state == "ended" else self._find(name)
         if camera is None:
             return
-        before, camera.capturing, camera.heard = camera.capturing, told, time.monotonic()
+        camera.heard = time.monotonic()
+        self._learn(camera, told)
+
+    def _learn(self, camera: Camera, told: Capturing) -> None:
+        before, camera.capturing = camera.capturing, told
         if before is not None and told.taken > before.taken:
             self._send(camera, "CAMERA_IMAGE_CAPTURED")
 
@@ -197,5 +201,8 @@ class Cameras:
         else:
             count = int(min(max(p3, -1.0), MOST_PHOTOS))
             verb, args = ("stop", {}) if number == PHOTO_STOP else ("photo", {"every": p2, "count": count})
-        await self._tell(f"{PHOTOS}{camera.name}", verb, args)
+        done = await self._tell(f"{PHOTOS}{camera.name}", verb, args)
+        if camera.capturing is not None:  # a station asks what came of it before the next status
+            with contextlib.suppress(msgspec.ValidationError):  # of another version
+                self._learn(camera, camera.capturing.after(done))
         return CommandResult.ACCEPTED

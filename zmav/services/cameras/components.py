@@ -6,8 +6,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from zmav import wire
 from zmav.rotation import from_euler
@@ -50,6 +53,16 @@ class Capturing(wire.Told, kw_only=True):
     """bytes of its disk"""
     photo: Photo | None = None
     """the last one"""
+
+    def after(self, done: Mapping[str, Any]) -> Capturing:
+        """What it will say of itself once an order of its is done, by the answer; msgspec's ValidationError where that
+        is none.
+        """
+        news: dict[str, Any] = {"zoom": done["factor"]} if "factor" in done else {"every": done.get("every", 0.0)}
+        if "number" in done:
+            photo = msgspec.convert(done, Photo)
+            news |= {"photo": photo, "taken": photo.number}
+        return msgspec.convert(msgspec.structs.asdict(self) | news, Capturing)
 
 
 @dataclass
