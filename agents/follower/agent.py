@@ -88,6 +88,8 @@ class Follower(FlyingAgent):
         self._late = self._state_t = 0.0
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
+        self._heading: float | None = None
+        """rad: the vehicle's as the flight began, and kept: by itself it would turn along each of its swings"""
 
     # What it is asked.
 
@@ -139,7 +141,7 @@ class Follower(FlyingAgent):
     async def _fly(self, args: Follow, guide: Guide, started: Started) -> str:
         """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
         lost, fleet, me = asyncio.Event(), self.vehicle.fleet, self.vehicle.name
-        self._plane_told = None
+        self._plane_told = self._heading = None
 
         def on_lost(who: str) -> None:
             self.say("slot", "warning", f"{who} keeps the place {SLOT} {args.target} since before us")
@@ -226,8 +228,10 @@ class Follower(FlyingAgent):
         now, me = time.time(), self._place()
         assert me is not None
         command = guide.step(now, me, self._told(), self._plane(state), self._late, state.velocity or (0.0, 0.0, 0.0))
+        if self._heading is None and state.attitude is not None:
+            self._heading = state.attitude.yaw
         with contextlib.suppress(NotHolder):  # said by lease.lost
-            lease.setpoint(pos=command.pos, vel=command.vel, valid=VALID)
+            lease.setpoint(pos=command.pos, vel=command.vel, yaw=self._heading, valid=VALID)
         if self._sight:
             self._delays.append(time.time() - self._sight)
             self._sight = 0.0

@@ -26,6 +26,10 @@ ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
 BLIND, TOUCH = 0.6, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
+BEGIN, EASE = 0.8, 0.02
+"""score of the two sights that a target begins with, and by how much less is enough with each second of looking for it:
+grass that looks like an H a little does so in each picture, and a pad is seen well in one of them
+"""
 FRESH = 1.0
 """s for which a target's word of its speed is good enough to begin with"""
 AHEAD, OLDEST = 0.3, 3.0
@@ -41,8 +45,10 @@ TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
-CLOSE, MOST = 1.0, 1.0
-"""m off within which the integral grows; m/s that is added to the target's velocity, at most"""
+CLOSE, MOST, PULL = 1.0, 1.0, 0.4
+"""m off within which the integral grows; m/s that is added to the target's velocity, at most, and of these by how far
+off it is: more has it swing as it arrives
+"""
 TOO_LATE = 0.2
 """s until a command is heard from which on nothing is added: a loop that is closed so late would swing"""
 
@@ -92,6 +98,8 @@ class Guide:
     seen_plane: float | None = None
     """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
+    _looks: float | None = None
+    """since when it looks for the target; None: it has it"""
     _held: Vector | None = None
     _angle: float = 0.0
     _level: float | None = None
@@ -114,6 +122,9 @@ class Guide:
         if not now - OLDEST < t < now + AHEAD:
             return False
         aim, within = self._about(t, told)
+        if self.phase in ("approach", "search"):
+            looked = 0.0 if self._looks is None else max(now - self._looks, 0.0)
+            least = max(least, BEGIN - EASE * looked)
         vel = None
         if told is not None and told.vel is not None and abs(t - told.t) < FRESH:
             vel = told.moves if math.hypot(*told.moves) <= self.tuned("speed") else None
@@ -209,6 +220,10 @@ class Guide:
                 place = self._place(now, told)
                 if place is None or math.hypot(place[0] - me[0], place[1] - me[1]) < ARRIVED:
                     self.phase = "search"
+        if self.phase not in ("approach", "search"):
+            self._looks = None
+        elif self._looks is None:
+            self._looks = now
         if self.phase != before:
             self._since, self._angle = now, 0.0
             if self.phase not in ("descend", "touch"):
@@ -284,8 +299,8 @@ class Guide:
             gain = share * self.tuned("trim") * dt
             self._trim = _bounded((self._trim[0] + gain * behind[0], self._trim[1] + gain * behind[1]), MOST)
         stiff = self.tuned("stiff")
-        north, east = (share * (trim + stiff * off) for trim, off in zip(self._trim, behind, strict=True))
-        return _bounded((north, east), MOST)
+        pull = _bounded((stiff * behind[0], stiff * behind[1]), PULL)
+        return _bounded((share * (self._trim[0] + pull[0]), share * (self._trim[1] + pull[1])), MOST)
 
 
 def _bounded(vector: tuple[float, float], most: float) -> tuple[float, float]:

@@ -104,12 +104,15 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
             (a, b, _), (c, d, _) = (vehicle.status().ned_m for vehicle in world.vehicles)
             return math.hypot(a - c, b - d)
 
-        away, begun = [], world.time_s
+        away, headings, begun = list[float](), list[float](), world.time_s
         while (flown := world.time_s - begun) < 6.0:  # of simulated time, which a busy machine lets pass more slowly
             await asyncio.sleep(0.05)
             if flown > 2.0:
                 away.append(off())
+                assert quad.state.attitude is not None
+                headings.append(quad.state.attitude.yaw)
         assert sum(away) / len(away) < 0.4, away
+        assert max(headings) - min(headings) < 0.1, "it turns along where it flies"
         assert follower.guide is not None
         assert follower.guide.lost == 0
         drift = math.hypot(*follower.guide.drift.at(time.time()))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agents.follower.agent import Follower
-from agents.follower.guide import FollowCommand, Guide, TargetFix
+from agents.follower.guide import PULL, FollowCommand, Guide, TargetFix
 from zmav.wire import Detection, Vector
 
 TICK, LAG = 0.05, 0.35
@@ -38,7 +38,7 @@ class World:
         self.delay, self.lost = delay, lost
         self.wander: Place = lambda t: (0.0, 0.0)
         """m north, east by which it takes itself to be beside where it is"""
-        self.push, self.late = 0.0, 0.0
+        self.push, self.late, self.score = 0.0, 0.0, 0.8
         """m/s that the wind takes from what it flies north; s until a command is said to be heard"""
         self._due: deque[tuple[float, float, list[Detection]]] = deque()
         self.off: list[float] = []
@@ -105,7 +105,7 @@ class World:
                     v=0.0,
                     scale_px=20.0,
                     heading=0.0,
-                    score=0.8,
+                    score=self.score,
                     pos=place,
                     covariance=(0.01, 0.0, 0.01),
                 )
@@ -128,6 +128,27 @@ def test_it_goes_there_and_stays_above_a_figure_of_eight(delay: float, lost: flo
     assert world.guide.lost == 0
     assert np.mean(world.off) < most
     assert world.pos[2] == pytest.approx(DECK - 5.0, abs=0.1)
+
+
+def test_weak_sights_begin_a_target_only_after_a_while() -> None:
+    world = World(lambda t: (0.0, 0.0))
+    world.score = 0.6
+    world.run(9.0)
+    assert world.phases[-1] == "search"
+    world.run(3.0)
+    assert world.phases[-1] == "track"
+    world.score = 0.4  # what it follows, it follows by any sight
+    world.run(5.0)
+    assert world.phases[-1] == "track"
+
+
+def test_far_off_it_adds_little_to_the_target_s_velocity() -> None:
+    world = World(lambda t: (1.8, 0.0))
+    world.run(5.0, lambda world: world.guide.phase == "track")
+    estimate = world.guide.target(world.t)
+    assert estimate is not None
+    added = [flown - own for flown, own in zip(world.command.vel[:2], estimate.vel, strict=True)]
+    assert 0.9 * PULL < math.hypot(*added) < 1.1 * PULL  # of 1.4 m/s, by which it would fly past
 
 
 def test_old_pictures_are_made_up_for() -> None:
