@@ -34,9 +34,9 @@ planner whose book lacks it so long is stuck or cut off, and it is not known whe
 """
 SILENCE = 5.0
 """s without its book, which comes once a second: five in a row are hardly lost, and a standby takes over after three"""
-CHIEF_LOOK, CHIEF_ANSWER, CHIEF_END = 3.0, 3.0, 30.0
-"""s for a planner to be heard of (as long as one may be silent before a standby takes over), for an answer of it, and
-for the end of what it was asked: a preview is planned as it would be flown
+CHIEF_LOOK, CHIEF_ANSWER, CHIEF_END = 4.0, 3.0, 30.0
+"""s for a planner to be heard of (a standby takes over after three), for an answer of it, and for the end of what it
+was asked: a preview is planned as it would be flown
 """
 BACK = ("rtl", "land")
 """orders that are for what is in the air"""
@@ -331,8 +331,8 @@ async def order_planner(
 
 
 async def order_chief(z: Client, verb: str, *orders: wire.Order) -> dict[str, Any]:
-    """Ask the planner in charge of the client's fleet, for at most half a minute, one order after another: what came
-    of the last. Raises its typed error, or :class:`NoSuchVehicle` where none is in charge.
+    """Ask the planner in charge of the client's fleet, once it is heard of for at most half a minute, one order after
+    another: what came of the last. Raises its typed error, or :class:`NoSuchVehicle` where none is in charge.
     """
     found, result = await planner_in_charge(z, z.fleet_name, CHIEF_LOOK), dict[str, Any]()
     if found is None:

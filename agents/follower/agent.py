@@ -58,7 +58,8 @@ class Follower(FlyingAgent):
     tunables: ClassVar = {
         "lead": Tunable(0.1, 0.0, 2.0, "s", "ahead of now at which the target is aimed at: what the autopilot lags"),
         "coast": Tunable(3.0, 0.5, 20.0, "s", "without a sight for which the prediction is flown"),
-        "score": Tunable(0.3, 0.0, 1.0, "", "least score of a sight"),
+        "score": Tunable(0.3, 0.0, 1.0, "", "least score of a sight of what it follows"),
+        "begin": Tunable(0.8, 0.0, 1.0, "", "of the two sights with which it begins to; less, the longer it searches"),
         "accel": Tunable(0.3, 0.05, 10.0, "m/s²", "of the target, as its filter expects"),
         "speed": Tunable(5.0, 0.1, 20.0, "m/s", "at most fed forward"),
         "stiff": Tunable(0.8, 0.0, 2.0, "1/s", "of how far off it is, added to the velocity against gusts"),

@@ -26,9 +26,9 @@ ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
 BLIND, TOUCH = 0.6, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
-BEGIN, EASE = 0.8, 0.02
-"""score of the two sights that a target begins with, and by how much less is enough with each second of looking for it:
-grass that looks like an H a little does so in each picture, and a pad is seen well in one of them
+EASE = 0.02
+"""by how much less than ``begin`` is enough with each second of a search: grass looks a little like an H in picture
+after picture, and a pad is seen well in one of them
 """
 FRESH = 1.0
 """s for which a target's word of its speed is good enough to begin with"""
@@ -45,9 +45,9 @@ TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
-CLOSE, MOST, PULL = 1.0, 1.0, 0.4
-"""m off within which the integral grows; m/s that is added to the target's velocity, at most, and of these by how far
-off it is: more has it swing as it arrives
+CLOSE, MOST, PULL = 1.0, 1.0, 0.6
+"""m off within which the integral grows; m/s added to the target's velocity at most, and the part of it that is for the
+distance: with more it swings as it arrives
 """
 TOO_LATE = 0.2
 """s until a command is heard from which on nothing is added: a loop that is closed so late would swing"""
@@ -98,8 +98,8 @@ class Guide:
     seen_plane: float | None = None
     """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
-    _looks: float | None = None
-    """since when it looks for the target; None: it has it"""
+    _looked: float = 0.0
+    """s of searching since it had a target"""
     _held: Vector | None = None
     _angle: float = 0.0
     _level: float | None = None
@@ -122,9 +122,9 @@ class Guide:
         if not now - OLDEST < t < now + AHEAD:
             return False
         aim, within = self._about(t, told)
-        if self.phase in ("approach", "search"):
-            looked = 0.0 if self._looks is None else max(now - self._looks, 0.0)
-            least = max(least, BEGIN - EASE * looked)
+        begin = max(least, self.tuned("begin") - EASE * self._looked)
+        if self.tracker.t is None or t - self.tracker.t > COAST_AFTER:
+            least = begin
         vel = None
         if told is not None and told.vel is not None and abs(t - told.t) < FRESH:
             vel = told.moves if math.hypot(*told.moves) <= self.tuned("speed") else None
@@ -135,7 +135,8 @@ class Guide:
         for each in places[:1]:
             assert each.pos is not None
             north, east = self.drift.at(t)
-            if self.tracker.see(t, (each.pos[0] - north, each.pos[1] - east), each.covariance, vel):
+            place = each.pos[0] - north, each.pos[1] - east
+            if self.tracker.see(t, place, each.covariance, vel, may_be_another=each.score >= begin):
                 before = each.pos[2] if self.seen_plane is None else self.seen_plane
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
                 return True
@@ -182,6 +183,10 @@ class Guide:
         if self.seen_plane is not None and self.phase not in ("approach", "search"):
             plane = self.seen_plane
         self._turn(now, me, told, late)
+        if self.phase == "search":
+            self._looked += dt
+        elif self.tracker.t is not None:
+            self._looked = 0.0
         if self.phase == "hold":
             self._held = self._held or me
             return FollowCommand(self._held)
@@ -220,10 +225,6 @@ class Guide:
                 place = self._place(now, told)
                 if place is None or math.hypot(place[0] - me[0], place[1] - me[1]) < ARRIVED:
                     self.phase = "search"
-        if self.phase not in ("approach", "search"):
-            self._looks = None
-        elif self._looks is None:
-            self._looks = now
         if self.phase != before:
             self._since, self._angle = now, 0.0
             if self.phase not in ("descend", "touch"):

@@ -67,10 +67,12 @@ class Tracker:
         pos: tuple[float, float],
         covariance: tuple[float, float, float] | None = None,
         told: tuple[float, float] | None = None,
+        may_be_another: bool = True,
     ) -> bool:
         """It was seen at ``pos`` at ``t``; ``covariance``: north-north, north-east, east-east (m²); ``told``: the
-        velocity (m/s) that it says itself, with which the filter begins. Whether that was believed: the first of all is
-        not, nor what is outside of the gate, until several such sights agree with each other.
+        velocity (m/s) that it says itself, with which the filter begins; ``may_be_another``: outside of the gate it
+        counts for another target. Whether that was believed: the first of all is not, nor what is outside of the gate,
+        until several such sights agree with each other.
         """
         z, r = np.array(pos, dtype=np.float64), _covariance(covariance)
         if not (math.isfinite(t) and np.isfinite(z).all() and np.isfinite(r).all()):
@@ -85,7 +87,7 @@ class Tracker:
         s = p[:2, :2] + r
         off = z - x[:2]
         if float(off @ np.linalg.solve(s, off)) > GATE:
-            return self._stray(t, z, r, told)
+            return may_be_another and self._stray(t, z, r, told)
         gain = np.linalg.solve(s, p[:2]).T
         left = np.eye(4)
         left[:, :2] -= gain

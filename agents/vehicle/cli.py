@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from functools import partial
 
 import click
@@ -57,7 +58,9 @@ def up(
     if not url:
         raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
     spoken = dialect or table.dialect
-    load_dialect(spoken)  # first: it takes 6 MB while it is read, and what is imported next uses them again
+    # First, and collected: it takes 6 MB while it is read, which what is imported next uses again.
+    load_dialect(spoken)
+    gc.collect()
     from agents.vehicle.run import run_vehicle
     from zmav.onboard import OnboardSettings
 

@@ -29,9 +29,14 @@ def test_help_loads_no_verb() -> None:
     assert loaded("from zmav.cli import zmav\nzmav(['--help'], standalone_mode=False)") == set()
 
 
-@pytest.mark.parametrize("module", ["agents.vehicle.run", "mesh.cli.router"])
+@pytest.mark.parametrize("module", ["agents.vehicle.cli", "agents.vehicle.run", "mesh.cli.router"])
 def test_what_runs_all_day_loads_what_it_uses(module: str) -> None:
     assert loaded(f"import {module}") == {"asyncio", "msgspec", "zenoh"}
+
+
+def test_up_reads_the_dialect_before_the_services_are_there() -> None:
+    code = "import sys, agents.vehicle.cli; assert 'zmav.onboard' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_simulator_draws_no_tables() -> None:

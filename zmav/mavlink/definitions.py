@@ -36,10 +36,10 @@ def _load(name: str) -> Dialect:
     spec = importlib.util.find_spec(f"{_DIALECTS}.{name}") if re.fullmatch(r"[A-Za-z]\w*", name) else None
     if spec is None or spec.loader is None:
         raise BadConfig(f"no dialect called {name!r}", field="dialect", value=name, expected=EXPECTED)
-    module = importlib.util.module_from_spec(spec)  # one of our own, for what is imported stays
+    module = importlib.util.module_from_spec(spec)  # not by import, for what is imported stays
     spec.loader.exec_module(module)
     messages, enums = _read(module)
-    vars(module).clear()  # typing keeps its base class, and with it all of the module: 6 MB
+    vars(module).clear()  # 6 MB: typing's cache keeps a class of it, whose methods keep the module's globals
     return Dialect.build(name, str(_shipped(f"{name}.xml")), with_additions(messages), enums)
 
 

@@ -142,13 +142,39 @@ def test_weak_sights_begin_a_target_only_after_a_while() -> None:
     assert world.phases[-1] == "track"
 
 
+def test_what_looks_a_little_like_a_pad_never_takes_its_place() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    world.hidden, world.more, world.score = lambda t: True, lambda t: [(1.5, 1.0)], 0.35
+    world.run(8.0)
+    assert world.phases[-1] in ("approach", "search")
+
+
+def test_the_way_there_is_no_search() -> None:
+    world = World(lambda t: (60.0, 0.0))
+    world.hidden, world.more, world.score = lambda t: True, lambda t: [(61.0, 0.0)], 0.4
+    world.run(25.0)
+    assert world.phases[-1] == "search"
+    assert "track" not in world.phases
+
+
+def test_after_a_hold_a_target_begins_as_ever() -> None:
+    world = World(lambda t: (0.0, 0.0))
+    world.score = 0.4
+    world.run(2.0)
+    world.guide.wanted = "hold"
+    world.run(1.0)
+    world.guide.wanted = "follow"
+    world.run(5.0)
+    assert "track" not in world.phases
+
+
 def test_far_off_it_adds_little_to_the_target_s_velocity() -> None:
     world = World(lambda t: (1.8, 0.0))
     world.run(5.0, lambda world: world.guide.phase == "track")
     estimate = world.guide.target(world.t)
     assert estimate is not None
     added = [flown - own for flown, own in zip(world.command.vel[:2], estimate.vel, strict=True)]
-    assert 0.9 * PULL < math.hypot(*added) < 1.1 * PULL  # of 1.4 m/s, by which it would fly past
+    assert 0.9 * PULL < math.hypot(*added) < 1.1 * PULL  # of 1.4 m/s, with which it would fly past
 
 
 def test_old_pictures_are_made_up_for() -> None:

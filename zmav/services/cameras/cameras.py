@@ -137,7 +137,10 @@ class Cameras:
 
     def _send(self, camera: Camera, message: str) -> int:
         """One of its messages; the MAV_RESULT of being asked for it."""
-        fields = camera.messages().get(message)
+        try:
+            fields = camera.messages().get(message)
+        except (OverflowError, ValueError):  # its program tells of numbers that no field can hold
+            return CommandResult.FAILED
         if fields is None:
             return CommandResult.UNSUPPORTED
         self._say(camera, message, **fields)
@@ -204,5 +207,5 @@ class Cameras:
         done = await self._tell(f"{PHOTOS}{camera.name}", verb, args)
         if camera.capturing is not None:  # a station asks what came of it before the next status
             with contextlib.suppress(msgspec.ValidationError):  # of another version
-                self._learn(camera, camera.capturing.after(done))
+                self._learn(camera, camera.capturing.after(verb, done))
         return CommandResult.ACCEPTED

@@ -54,14 +54,12 @@ class Capturing(wire.Told, kw_only=True):
     photo: Photo | None = None
     """the last one"""
 
-    def after(self, done: Mapping[str, Any]) -> Capturing:
-        """What it will say of itself once an order of its is done, by the answer; msgspec's ValidationError where that
-        is none.
-        """
-        news: dict[str, Any] = {"zoom": done["factor"]} if "factor" in done else {"every": done.get("every", 0.0)}
-        if "number" in done:
+    def after(self, verb: str, done: Mapping[str, Any]) -> Capturing:
+        """As it is once an order was answered with ``done``; msgspec's ValidationError for what is no answer to it."""
+        news: dict[str, Any] = {"zoom": done.get("factor")} if verb == "zoom" else {"every": done.get("every", 0.0)}
+        if verb == "photo" and "every" not in done:
             photo = msgspec.convert(done, Photo)
-            news |= {"photo": photo, "taken": photo.number}
+            news |= {"photo": photo, "taken": photo.number} if photo.number > self.taken else {}
         return msgspec.convert(msgspec.structs.asdict(self) | news, Capturing)
 
 
