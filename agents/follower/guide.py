@@ -26,6 +26,9 @@ ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
 BLIND, TOUCH = 0.6, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
+KNOWN = 1.0
+"""s of tracking after which it is known by how much the target's own word is wrong: two receivers' errors change slowly
+"""
 EASE = 0.02
 """by how much less than ``begin`` is enough with each second of a search: grass looks a little like an H in picture
 after picture, and a pad is seen well in one of them
@@ -98,6 +101,8 @@ class Guide:
     seen_plane: float | None = None
     """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
+    _told_off: tuple[float, float] = (0.0, 0.0)
+    """m north, east from where the target said that it is to where it was seen"""
     _looked: float = 0.0
     """s of searching since it had a target"""
     _held: Vector | None = None
@@ -139,6 +144,9 @@ class Guide:
             if self.tracker.see(t, place, each.covariance, vel, may_be_another=each.score >= begin):
                 before = each.pos[2] if self.seen_plane is None else self.seen_plane
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
+                if told is not None and self.phase == "track" and now - self._since > KNOWN:
+                    said = told.at(t)
+                    self._told_off = each.pos[0] - said[0], each.pos[1] - said[1]
                 return True
         return False
 
@@ -233,8 +241,11 @@ class Guide:
                 self._trim = (0.0, 0.0)
 
     def _place(self, now: float, told: TargetFix | None) -> tuple[float, float] | None:
-        """Where to look: where it says that it is, else where it was seen last."""
-        return self._seen_at if told is None else told.at(now)
+        """Where to look: where it says that it is, by what that was wrong when it was seen; else where it was seen."""
+        if told is None:
+            return self._seen_at
+        north, east = told.at(now)
+        return north + self._told_off[0], east + self._told_off[1]
 
     def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> FollowCommand:
         """On the way there, or in a growing spiral about it, rising for a wider view."""

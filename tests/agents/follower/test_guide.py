@@ -149,6 +149,19 @@ def test_what_looks_a_little_like_a_pad_never_takes_its_place() -> None:
     assert world.phases[-1] in ("approach", "search")
 
 
+def test_a_target_that_is_lost_is_looked_for_where_it_truly_is() -> None:
+    """It says 4.5 m beside that where it is, and that is learnt while it is seen."""
+    world = World(lambda t: (0.3 * t, 0.0))
+    world.run(2.0)
+    world.told_off = (4.0, -2.0)
+    world.run(10.0)
+    assert world.phases[-1] == "track"
+    world.hidden = lambda t: True
+    world.run(10.0, lambda world: world.guide.phase == "search")
+    assert world.phases[-1] == "search"
+    assert world.off[-1] < 1.5
+
+
 def test_the_way_there_is_no_search() -> None:
     world = World(lambda t: (60.0, 0.0))
     world.hidden, world.more, world.score = lambda t: True, lambda t: [(61.0, 0.0)], 0.4
