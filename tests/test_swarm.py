@@ -9,6 +9,8 @@ import math
 from collections.abc import AsyncIterator
 from typing import Any
 
+import pytest
+
 import zmav
 from tests.agents.planner.execute.fleet import HOME, ORIGIN, PATIENCE_S, ROUTER, Fleet, airborne
 from tests.conftest import endpoint_of
@@ -74,6 +76,7 @@ async def test_the_disarmed_is_left_out_and_done_is_landed() -> None:
         assert "no planner is in charge of fleet demo" in note
 
 
+@pytest.mark.timeout(300)  # a plane flies home, and where the machine is busy the simulator is slow
 async def test_done_is_home_for_what_stays_armed_there() -> None:
     """A plane circles at home, a rover stands there, which cannot land: both are returning until they are there."""
     specs = [VehicleSpec(autopilot="arduplane"), VehicleSpec(autopilot="ardurover", start_ned_m=(0.0, 9.0, 0.0))]

@@ -90,7 +90,7 @@ class Follower(FlyingAgent):
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
-        """rad: the vehicle's as the flight began, and kept: by itself it would turn along each of its swings"""
+        """rad: the vehicle's at the first setpoint, and kept: by itself it would turn along each of its swings"""
 
     # What it is asked.
 

@@ -44,6 +44,7 @@ def switched_back(craft: Hexarotor, kind: type[Ev1 | Ev2 | Ev1Attitude], times: 
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)  # it computes for 20 s where nothing else runs
 def test_switches_back_in_aggressive_flight() -> None:
     weather = {"wind": (4.0, 0.0, 0.0), "gusts": "light", "noise": "typical", "seed": 5}
     with Flight(**weather, slow=10, height=20.0, ways=len(WAYS)) as flight:  # type: ignore[arg-type]

@@ -39,7 +39,7 @@ class World:
         self.wander: Place = lambda t: (0.0, 0.0)
         """m north, east by which it takes itself to be beside where it is"""
         self.push, self.late, self.score = 0.0, 0.0, 0.8
-        """m/s that the wind takes from what it flies north; s until a command is said to be heard"""
+        """m/s that the wind takes from what it flies north; s until a command is said to be heard; of each sight"""
         self._due: deque[tuple[float, float, list[Detection]]] = deque()
         self.off: list[float] = []
         self.phases: list[str] = []

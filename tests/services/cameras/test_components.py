@@ -20,7 +20,6 @@ def test_a_photo_ends_a_series_and_is_the_last_one() -> None:
     after = BEFORE.after("photo", {"number": 4, "t": 10.0, "file": "/p/4.jpg", "camera": "down", "position": None})
     assert after.photo is not None
     assert (after.taken, after.every, after.zoom, after.photo.file) == (4, 0.0, 2.0, "/p/4.jpg")
-
     assert BEFORE.after("photo", {"number": 2, "t": 9.0, "file": "/p/2.jpg"}).taken == 3, "a later one is known already"
 
 
