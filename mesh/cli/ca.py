@@ -111,7 +111,7 @@ def revoke(name: str, folder: str) -> None:
     gone = authority.revoke(name)
     authority.refresh()
     for entry in gone:
-        click.echo(f"revoked {name} ({entry.role}, until {day(entry.not_after)}): {entry.fingerprint}")
+        click.echo(f"revoked {name} ({entry.role.value}, until {day(entry.not_after)}): {entry.fingerprint}")
     click.echo("tell the running fleet: zmav mesh ca roster --publish")
 
 
@@ -128,7 +128,7 @@ def list_members(as_json: bool, folder: str) -> None:
     rows = []
     for entry in ledger.entries:
         state = "revoked" if entry.revoked is not None else ("ended" if now > entry.not_after else "")
-        rows.append((entry.name, entry.role, day(entry.not_after), state, entry.fingerprint))
+        rows.append((entry.name, entry.role.value, day(entry.not_after), state, entry.fingerprint))
     show_table(("name", "role", "valid until", "", "fingerprint"), rows)
 
 
@@ -156,7 +156,12 @@ def roster(publish: bool, fetch: bool, as_json: bool, folder: str, settings: Ses
         ledger = read_ledger(here)
         fleet, found = ledger.fleet, ledger.roster(time.time())
     if publish:
-        run(_publish(settings, fleet, (here / ROSTER).read_bytes(), found.number))
+        try:
+            signed = (here / ROSTER).read_bytes()
+        except OSError as e:
+            text = f"cannot read {here / ROSTER}: {e.strerror}; 'zmav mesh ca renew' and 'revoke' write it again"
+            raise BadConfig(text, field="ca", value=str(here / ROSTER), expected="a roster") from e
+        run(_publish(settings, fleet, signed, found.number))
         return
     text = f"{found.fleet}, number {found.number}: {len(found.members)} members, {len(found.revoked)} revoked"
     tell(as_json, msgspec.to_builtins(found), text)

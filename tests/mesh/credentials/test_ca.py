@@ -161,6 +161,26 @@ def test_what_is_wrong_with_its_folder_is_said(authority: Authority, tmp_path: P
         Authority.open(authority.folder, no_passphrase)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"), [('"vehicle"', '"captain"'), ('"not_after": ', '"not_after": 9e99'), ('"t": ', '"t": -1e')]
+)
+def test_a_ledger_without_sense_is_damaged_for_every_verb(authority: Authority, before: str, after: str) -> None:
+    authority.issue("quad1", Role.VEHICLE)
+    ledger = authority.folder / "ledger.json"
+    assert before in ledger.read_text()
+    ledger.write_text(ledger.read_text().replace(before, after))
+    for verb in (["list"], ["revoke", "quad1"], ["renew", "quad1"], ["roster"]):
+        with pytest.raises(BadConfig, match=r"is damaged.*copy of this folder"):
+            CliRunner().invoke(command, [*verb, "--ca", str(authority.folder)], catch_exceptions=False)
+
+
+def test_a_roster_that_is_gone_is_not_published(authority: Authority) -> None:
+    (authority.folder / "roster.json").unlink()
+    arguments = ["roster", "--publish", "--ca", str(authority.folder)]
+    with pytest.raises(BadConfig, match=r"cannot read .*roster\.json: No such file.*renew"):
+        CliRunner().invoke(command, arguments, catch_exceptions=False)
+
+
 def test_two_at_once_lose_nothing(authority: Authority) -> None:
     names = [f"quad{number}" for number in range(12)]
     same = Authority.open(authority.folder, no_passphrase)
