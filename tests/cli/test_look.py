@@ -267,6 +267,15 @@ def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
     assert "Error: " in told.err
 
 
+@pytest.mark.parametrize("value", [400 * "1", 5000 * "1", 100_000 * "["], ids=["large", "huge", "deep"])
+@pytest.mark.parametrize("verb", ["do quad1 takeoff alt_rel", "param set quad1 RTL_ALT"])
+def test_a_value_that_no_order_has_is_named(here: type[Here], verb: str, value: str) -> None:
+    *words, name = verb.split()
+    told = here().fails(*words, f"{name}={value}")
+    assert isinstance(told.error, BadInput)
+    assert name in str(told.error)
+
+
 def test_help_lists_every_verb(here: type[Here]) -> None:
     told = here()("--help")
     above = {

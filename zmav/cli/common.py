@@ -187,10 +187,16 @@ def assignments(pairs: tuple[str, ...]) -> dict[str, Any]:
         if not equals or not name:
             raise BadInput(f"{pair!r} is not NAME=VALUE", field=pair, value=pair, expected="NAME=VALUE")
         try:
-            values[name] = json.loads(text)
-        except json.JSONDecodeError:
+            values[name] = json.loads(text, parse_int=_whole)
+        except (ValueError, RecursionError):
             values[name] = text
     return values
+
+
+def _whole(digits: str) -> float:
+    """Beyond MAVLink's 64 bits it is a float, and may be infinite: what it is for refuses it by its name."""
+    number = int(digits) if len(digits) <= 20 else float(digits)
+    return number if abs(number) < 1 << 64 else float(number)
 
 
 def console() -> Console:
