@@ -13,8 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mesh.bearer.header import overhead
-from mesh.bearer.shaper import Shaper, parse_budget
+from mesh.bearer.shaper import Shaper
 from zmav.config import Radio
+from zmav.config.mesh import parse_budget
 
 Address = tuple[str, int]
 RETRY = 1.0
