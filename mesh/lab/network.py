@@ -51,6 +51,8 @@ def check_able() -> None:
         raise LabError(f"{_NEEDS}; this is not Linux")
     if os.geteuid() != 0:
         raise LabError(f"{_NEEDS}; you are user {os.geteuid()}: run it with sudo")
+    if lacking := kernel.lacking():
+        raise LabError(f"{_NEEDS}; root lacks {', '.join(lacking)} here: start the container with --privileged")
     if not Path(kernel.TUN).exists():
         raise LabError(f"{_NEEDS}; there is no {kernel.TUN}: 'modprobe tun', or give the container the device")
 
