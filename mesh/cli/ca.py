@@ -95,11 +95,17 @@ def renew(name: str | None, every: bool, days: int, out: str | None, folder: str
         raise click.UsageError("give a NAME, or --all (without --out)")
     authority = _open(folder)
     names = authority.ending() if name is None else [name]
+    faults: list[BadConfig] = []
     for each in names:
-        click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
+        try:
+            click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
+        except BadConfig as e:  # the others' certificates end, too
+            faults.append(e)
     authority.refresh()
     if not names:
         click.echo("none ends within 30 days")
+    if faults:
+        raise BadConfig("; ".join(map(str, faults)), **faults[0].detail)
 
 
 @command.command("revoke")

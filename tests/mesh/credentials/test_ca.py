@@ -181,6 +181,18 @@ def test_a_roster_that_is_gone_is_not_published(authority: Authority) -> None:
         CliRunner().invoke(command, arguments, catch_exceptions=False)
 
 
+def test_a_folder_that_cannot_be_replaced_keeps_no_other_member_from_being_renewed(authority: Authority) -> None:
+    before = {name: Credentials.load(authority.issue(name, Role.VEHICLE, days=9)) for name in ("quad1", "quad2")}
+    notes = before["quad1"].folder / "notes.txt"
+    notes.write_text("hers")
+    with pytest.raises(BadConfig, match=r"quad1 holds 'notes\.txt', too"):
+        CliRunner().invoke(command, ["renew", "--all", "--ca", str(authority.folder)], catch_exceptions=False)
+    after = {name: Credentials.load(held.folder) for name, held in before.items()}
+    assert after["quad1"].certificate.fingerprint == before["quad1"].certificate.fingerprint
+    assert after["quad2"].certificate.fingerprint != before["quad2"].certificate.fingerprint
+    assert after["quad1"].roster.number == after["quad2"].roster.number
+
+
 def test_two_at_once_lose_nothing(authority: Authority) -> None:
     names = [f"quad{number}" for number in range(12)]
     same = Authority.open(authority.folder, no_passphrase)
