@@ -288,7 +288,7 @@ switch() {
     say "starting $VEHICLE and watching it for $SETTLE s"
     if is_healthy "$NEW"; then
         # Of an earlier upgrade that was cut short, too.
-        find "$OPT" -mindepth 1 -maxdepth 1 \( -name 'env-*' -o -name '.build-*' \) ! -path "$NEW" -exec rm -rf {} +
+        find "$OPT" -mindepth 1 -maxdepth 1 \( -name 'env-*' -o -name '.build-*' -o -name '.settings-*' \) ! -path "$NEW" -exec rm -rf {} +
         if [ -n "$old" ] && [ "$was" = inactive ]; then
             systemctl stop "$VEHICLE"
             say "stopped again, as it was"

@@ -13,7 +13,7 @@ import zenoh
 from mesh.credentials.acl import access_control
 from mesh.credentials.exposure import check_opened
 from mesh.endpoint import between, bound, bracketed, host_port, place
-from mesh.neighbours import Neighbour, Way, neighbours
+from mesh.neighbours import Neighbour, neighbours
 from mesh.profiles import PROFILES, Rules, timers
 from mesh.radios import FoundRadio, Interfaces, interfaces, stand
 from mesh.shaping import downsampling, thinned
@@ -24,8 +24,6 @@ from zmav.rundir import socket_to_listen
 from zmav.session import DEFAULT_ROUTER, SessionSettings, config, defaults, sources
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
-
-__all__ = ["Neighbour", "RouterPlan", "Setting", "Way", "plan_router"]
 
 LISTEN, CONNECT, SCOUTING = "listen/endpoints", "connect/endpoints", "scouting/multicast/"
 ABOVE = 2

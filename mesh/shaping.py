@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mesh.bearer.shaper import parse_budget
 from zmav import keys
 from zmav.config import FleetConfig, Radio
+from zmav.config.mesh import parse_budget
 from zmav.mavlink import load_dialect
 from zmav.services.rates.demand import NOT_STREAMED
 

@@ -1,27 +1,8 @@
-"""Rates, sizes and times as people write and read them: decimal, bits for rates, bytes for transfers."""
+"""Rates, sizes and times as people read them: decimal, bits for rates, bytes for transfers. Each writes a dash for what
+is not known.
+"""
 
 from __future__ import annotations
-
-import math
-import re
-
-from zmav.errors import BadInput
-
-_RATE = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*([kMG]?)(bit/s|bps|b/s|B/s|)\s*\Z")
-_FACTOR = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-
-
-def bits_per_second(text: str, field: str = "rate") -> float:
-    """``1 Mbit/s``, ``60kB/s`` or ``500k`` (bits); raises :class:`BadInput`."""
-    found = _RATE.match(text)
-    value = float(found[1]) * _FACTOR[found[2]] * (8.0 if found[3] == "B/s" else 1.0) if found else 0.0
-    if not (math.isfinite(value) and value > 0.0):
-        expected = "1Mbit/s, 60kB/s or the like"
-        raise BadInput(f"{field} {text!r}: expected {expected}", field=field, value=text, expected=expected)
-    return value
-
-
-# Each writes a dash for what is not known.
 
 
 def rate(bits: float | None) -> str:

@@ -44,6 +44,12 @@ def test_names_are_those_of_srtm() -> None:
     ]
 
 
+@pytest.mark.parametrize(("west", "east"), [(-180.0, 180.0), (0.0, 360.0), (-180.0, 179.9999)])
+def test_an_area_around_the_earth_touches_each_piece_once(west: float, east: float) -> None:
+    found = list(names_within(0.0, west, 0.001, east))
+    assert len(found) == len(set(found)) == 360 * 60
+
+
 @pytest.mark.parametrize(
     "name", ["", "S36E149", "S36E149-60-09", "S36E149-38-9", "s36e149-38-09", "N91E000-00-00", "N00E180-00-00", "../a"]
 )

@@ -102,9 +102,9 @@ def corner_of(name: str) -> tuple[int, int]:
 def names_within(south: float, west: float, north: float, east: float) -> Iterator[str]:
     """The pieces that an area (degrees) touches; one whose west is east of its east lies across the antimeridian."""
     rows = range(math.floor(south * MINUTES), math.floor(north * MINUTES) + 1)
-    first = math.floor(west * MINUTES)
-    columns = math.floor((west + (east - west) % 360.0) * MINUTES) - first + 1
-    half = 180 * MINUTES
+    first, half = math.floor(west * MINUTES), 180 * MINUTES
+    span = east - west if 0.0 <= east - west <= 360.0 else (east - west) % 360.0
+    columns = min(math.floor((west + span) * MINUTES) - first + 1, 2 * half)
     for row in rows:
         for column in range(first, first + columns):
             yield name_of(row, (column + half) % (2 * half) - half)

@@ -17,7 +17,7 @@ from typing import Literal
 import msgspec
 
 from ground.feed import patterns
-from mesh.units import bits_per_second
+from zmav.config.mesh import bits_per_second
 from zmav.errors import BadConfig, BadInput
 from zmav.links.url import LOOPBACK
 

@@ -166,6 +166,7 @@ def _show_orders(paths: Sequence[Path]) -> None:
 
     rows, ending = list[tuple[str, ...]](), f"/@fleet/{keys.ORDERED}"
     for source in open_all(paths):
+        source.vehicles()  # raises for what is no recording
         for record in source.records():
             if not record.key.endswith(ending):
                 continue

@@ -111,11 +111,12 @@ class McapFile:
 
     def abandon(self) -> bool:
         """Close it without what was not flushed and without its summary. False: that is nothing, so it is gone."""
-        self._tail.close()
-        if self._tail.size > self._begin:
-            return True
-        self.path.unlink(missing_ok=True)
-        return False
+        with contextlib.suppress(OSError):  # a disk that is read-only by now
+            self._tail.close()
+            if self._tail.size <= self._begin:
+                self.path.unlink(missing_ok=True)
+                return False
+        return True
 
 
 class Found(NamedTuple):

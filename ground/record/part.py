@@ -245,13 +245,16 @@ class Part:
             raise failed
 
     def abandon(self) -> None:
-        """Close them as they are, each readable to its last flush; those that hold nothing are taken away."""
+        """Close them as they are, each readable to its last flush; those that hold nothing are taken away, where the
+        disk lets them be.
+        """
         for place, tail in list(self.tlogs.items()):
             with contextlib.suppress(OSError):
                 tail.flush()
-            tail.close()
-            if not tail.size:
-                tail.path.unlink(missing_ok=True)
-                del self.tlogs[place]
+            with contextlib.suppress(OSError):
+                tail.close()
+                if not tail.size:
+                    tail.path.unlink(missing_ok=True)
+                    del self.tlogs[place]
         if self.mcap and not self.mcap.abandon():
             self.mcap = None

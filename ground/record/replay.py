@@ -24,7 +24,7 @@ import zmav
 from ground.record.cli import RECORDINGS, check_mcap
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
 from zmav import keys, wire
-from zmav.cli.common import dialect_option, fleet_option, run, zenoh_options
+from zmav.cli.common import Between, dialect_option, fleet_option, run, zenoh_options
 from zmav.client import Client
 from zmav.errors import BadConfig, BadInput, Clash
 from zmav.links.base import Link, LinkFinished
@@ -170,7 +170,7 @@ SETTLE_S = 1.0
 @click.option("--as", "--name", "name", help="Another name; for several vehicles with a * for theirs: 'old-*'.")
 @click.option("--speed", default="1", show_default=True, help="Times real time; 'max' as fast as it goes.")
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
-@click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Seconds after the beginning to start at.")
+@click.option("--start", type=Between(min=0.0), default=0.0, help="Seconds after the beginning to start at.")
 @click.option("--sysid", type=click.IntRange(1, 255), help="Which system is the vehicle, where a .tlog has several.")
 @dialect_option
 @fleet_option

@@ -56,6 +56,13 @@ class Tlogs:
         self.label = ", ".join(map(str, paths))
 
     def vehicles(self) -> list[str]:
+        try:
+            none = self.first() is None and any(path.stat().st_size for path in self._paths)
+        except OSError as e:
+            raise BadInput(f"cannot play {self.label}: {e}", field="file", expected="a .tlog that can be read") from e
+        if none:
+            text = f"{self.label} holds no MAVLink: give a .tlog or an .mcap"
+            raise BadInput(text, field="file", value=self.label, expected="a recording")
         return [self.vehicle]
 
     def first(self) -> int | None:

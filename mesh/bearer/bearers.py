@@ -18,7 +18,6 @@ import msgspec
 
 from mesh.bearer.bearer import Bearer, Far
 from mesh.bearer.port import Address
-from mesh.bearer.shaper import parse_budget
 from mesh.endpoint import between, bound, host_port
 from mesh.neighbours import Neighbour, Way
 from mesh.plan import RouterPlan, Setting
@@ -61,7 +60,7 @@ class Bearers:
     """``async with Bearers(plan) as bearers: bearers.plan`` is what the router is to be opened with.
 
     Where nothing is to be carried it is the plan itself, and no thread runs. Raises
-    :class:`~zmav.errors.BadConfig` for a budget that is none, and for a port that leaves none above it.
+    :class:`~zmav.errors.BadConfig` for a port that leaves none above it.
     """
 
     def __init__(self, plan: RouterPlan) -> None:
@@ -70,9 +69,6 @@ class Bearers:
 
     async def __aenter__(self) -> Bearers:
         plan, radios = self._given, borne(self._given)
-        for radio in plan.host.radios:
-            if radio.budget:
-                parse_budget(radio.budget)
         if not radios:
             return self
         router = ("127.0.0.1", free_port(socket.SOCK_DGRAM))

@@ -13,8 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mesh.bearer.header import overhead
-from mesh.bearer.shaper import Shaper, parse_budget
+from mesh.bearer.shaper import Shaper
 from zmav.config import Radio
+from zmav.config.mesh import parse_budget
 
 Address = tuple[str, int]
 RETRY = 1.0
@@ -59,7 +60,7 @@ class RadioPort:
         """the radio of the open socket is not there any more: to be closed and opened again"""
         self._shaper: Shaper[tuple[bytes, Address]] | None = Shaper(self.budget, now) if self.budget else None
         self._overhead = overhead(radio.address)
-        self._again = now
+        self._again, self._said = now, False
 
     @property
     def name(self) -> str:
@@ -83,6 +84,10 @@ class RadioPort:
             made.bind(self.address)
         except OSError as e:
             made.close()
+            if e.errno == errno.EADDRINUSE and not self._said:
+                self._said = True
+                text = "%s: port %d is in use by another program: no neighbour is reached through it until that ends"
+                log.warning(text, self.name, self.address[1])
             log.debug("%s: %s", self.name, e)
             return False
         self.socket, self.largest = made, self._mtu(made) - self._overhead

@@ -10,27 +10,10 @@ import collections
 from collections.abc import Iterator
 from typing import Generic, TypeVar
 
-from mesh.units import bits_per_second
-from zmav.errors import BadConfig, BadInput
-
-LEAST = 5000.0
-"""bytes/s below which no router's link opens in time (measured: 1.3 s at 5 kB/s)"""
 LARGEST = 1500
 """bytes of a datagram with its IP and UDP headers, as Ethernet carries it"""
 BURST = 0.04
 """s of the budget that may leave at once after a silence: no second holds more than 5 % above the budget"""
-
-
-def parse_budget(text: str, field: str = "budget") -> float:
-    """Bytes a second of ``60 kB/s`` or ``1 Mbit/s``; raises :class:`BadConfig` for anything else."""
-    expected = "like '60 kB/s' or '1 Mbit/s', 5 kB/s at least"
-    try:
-        rate = bits_per_second(text, field) / 8.0 if text.rstrip().endswith("/s") else 0.0
-    except BadInput:
-        rate = 0.0
-    if rate < LEAST:
-        raise BadConfig.wrong(field, text, expected, f"{field} is {text!r}")
-    return rate
 
 
 class Bucket:

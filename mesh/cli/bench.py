@@ -12,10 +12,11 @@ import msgspec
 
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Flow, Stream
-from mesh.units import bits_per_second, duration, rate, size
+from mesh.units import duration, rate, size
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.client import Client
+from zmav.config.mesh import bits_per_second
 from zmav.errors import BadInput
 from zmav.process import until_stopped
 from zmav.wire.bench import BenchInterval, BenchOutage, BenchTrip

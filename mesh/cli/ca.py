@@ -95,11 +95,17 @@ def renew(name: str | None, every: bool, days: int, out: str | None, folder: str
         raise click.UsageError("give a NAME, or --all (without --out)")
     authority = _open(folder)
     names = authority.ending() if name is None else [name]
+    faults: list[BadConfig] = []
     for each in names:
-        click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
+        try:
+            click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
+        except BadConfig as e:  # the others' certificates end, too
+            faults.append(e)
     authority.refresh()
     if not names:
         click.echo("none ends within 30 days")
+    if faults:
+        raise BadConfig("; ".join(map(str, faults)), **faults[0].detail)
 
 
 @command.command("revoke")
@@ -111,7 +117,7 @@ def revoke(name: str, folder: str) -> None:
     gone = authority.revoke(name)
     authority.refresh()
     for entry in gone:
-        click.echo(f"revoked {name} ({entry.role}, until {day(entry.not_after)}): {entry.fingerprint}")
+        click.echo(f"revoked {name} ({entry.role.value}, until {day(entry.not_after)}): {entry.fingerprint}")
     click.echo("tell the running fleet: zmav mesh ca roster --publish")
 
 
@@ -128,7 +134,7 @@ def list_members(as_json: bool, folder: str) -> None:
     rows = []
     for entry in ledger.entries:
         state = "revoked" if entry.revoked is not None else ("ended" if now > entry.not_after else "")
-        rows.append((entry.name, entry.role, day(entry.not_after), state, entry.fingerprint))
+        rows.append((entry.name, entry.role.value, day(entry.not_after), state, entry.fingerprint))
     show_table(("name", "role", "valid until", "", "fingerprint"), rows)
 
 
@@ -156,7 +162,12 @@ def roster(publish: bool, fetch: bool, as_json: bool, folder: str, settings: Ses
         ledger = read_ledger(here)
         fleet, found = ledger.fleet, ledger.roster(time.time())
     if publish:
-        run(_publish(settings, fleet, (here / ROSTER).read_bytes(), found.number))
+        try:
+            signed = (here / ROSTER).read_bytes()
+        except OSError as e:
+            text = f"cannot read {here / ROSTER}: {e.strerror}; 'zmav mesh ca renew' and 'revoke' write it again"
+            raise BadConfig(text, field="ca", value=str(here / ROSTER), expected="a roster") from e
+        run(_publish(settings, fleet, signed, found.number))
         return
     text = f"{found.fleet}, number {found.number}: {len(found.members)} members, {len(found.revoked)} revoked"
     tell(as_json, msgspec.to_builtins(found), text)

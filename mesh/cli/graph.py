@@ -12,7 +12,7 @@ from rich.text import Text
 
 from mesh.graph import Graph, gather
 from mesh.units import duration, milliseconds, percent
-from zmav.cli.common import Work, connected, console, dump, json_option, table
+from zmav.cli.common import Between, Work, connected, console, dump, json_option, table
 from zmav.client import Client
 from zmav.doctor.ways import Link, Way
 
@@ -20,9 +20,7 @@ STYLES = {"good": "green", "fair": "yellow", "poor": "red", "down": "bold red", 
 
 
 @click.command("graph")
-@click.option(
-    "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
-)
+@click.option("--timeout", type=Between(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers.")
 @json_option
 @connected
 def command(timeout: float, as_json: bool) -> Work:

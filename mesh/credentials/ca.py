@@ -117,7 +117,7 @@ class Authority:
                 expected = ", ".join(n for n in ledger.names() if ledger.current(n, now)) or "none"
                 text = f"{name} has no certificate to renew; there are {expected}"
                 raise BadConfig(text, field="name", value=name, expected=expected)
-            return self._sign(ledger, name, Role(known[-1].role), days, self._folder_of(name, out), replace=True)
+            return self._sign(ledger, name, known[-1].role, days, self._folder_of(name, out), replace=True)
 
     def revoke(self, name: str) -> list[Entry]:
         """Turn a member out: all its certificates that are in force. Raises :class:`BadConfig` where there is none."""
@@ -164,7 +164,7 @@ class Authority:
         read = Certificate.read(certificate.public_bytes(serialization.Encoding.DER))
         entry = Entry(
             name=name,
-            role=role.value,
+            role=role,
             serial=f"{read.serial:x}",
             fingerprint=read.fingerprint.hex(),
             not_before=read.not_before,

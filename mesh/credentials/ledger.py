@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
 from mesh.credentials import files
 from zmav.errors import BadConfig
+from zmav.trust.certificate import Role
 from zmav.trust.roster import Member, Roster
 
 LEDGER = "ledger.json"
+Time = Annotated[float, msgspec.Meta(ge=0.0, le=253_000_000_000.0)]
+"""UTC seconds, before the year 10000"""
 REMEMBERED = 30 * 86_400.0
 """s that the roster goes on naming a certificate after its end: some clock may be that late"""
 
@@ -19,16 +23,15 @@ class Entry(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tru
     """One certificate."""
 
     name: str
-    role: str
+    role: Role
     serial: str
     """hexadecimal"""
     fingerprint: str
     """hexadecimal"""
-    not_before: float
-    """UTC seconds"""
-    not_after: float
-    revoked: float | None = None
-    """UTC seconds; None: it is not"""
+    not_before: Time
+    not_after: Time
+    revoked: Time | None = None
+    """None: it is not"""
 
     def in_force(self, now: float) -> bool:
         return self.revoked is None and now <= self.not_after
@@ -40,8 +43,8 @@ class IssuedCertificates(msgspec.Struct, kw_only=True, forbid_unknown_fields=Tru
     fleet: str
     number: int = 0
     """the roster's: counts up with every change"""
-    t: float = 0.0
-    """UTC seconds of the last change: a number's roster is the same, whenever it is signed"""
+    t: Time = 0.0
+    """of the last change: a number's roster is the same, whenever it is signed"""
     entries: list[Entry] = []
 
     def current(self, name: str, now: float) -> Entry | None:
@@ -69,7 +72,7 @@ class IssuedCertificates(msgspec.Struct, kw_only=True, forbid_unknown_fields=Tru
             number=self.number,
             t=self.t,
             members=[
-                Member(name=e.name, role=e.role, fingerprint=e.fingerprint, not_after=e.not_after)
+                Member(name=e.name, role=e.role.value, fingerprint=e.fingerprint, not_after=e.not_after)
                 for e in told
                 if e.revoked is None
             ],
@@ -93,4 +96,5 @@ def read_ledger(folder: Path) -> IssuedCertificates:
         text = f"{folder} is not an authority's folder: cannot read {path}: {e.strerror}; 'zmav mesh ca init' makes one"
         raise BadConfig(text, field="ca", value=str(folder), expected="an authority's folder") from e
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
-        raise BadConfig(f"{path} is damaged: {e}", field="ca", value=str(path), expected="a ledger") from e
+        text = f"{path} is damaged: {e}; put your copy of this folder in its place"
+        raise BadConfig(text, field="ca", value=str(path), expected="a ledger") from e

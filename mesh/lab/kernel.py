@@ -17,6 +17,8 @@ from pathlib import Path
 CLONE_NEWPID = 0x2000_0000
 CLONE_NEWNET = 0x4000_0000
 TUN = "/dev/net/tun"
+RIGHTS = {"CAP_NET_ADMIN": 12, "CAP_SYS_ADMIN": 21}
+"""what all of this needs of ``linux/capability.h``: in a container root may lack them"""
 LONGEST_NAME = 15
 
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x4004_54CA, 0x0002, 0x1000
@@ -56,6 +58,12 @@ def setns(fd: int, kind: int) -> None:
 def die_with_parent(signal_number: int) -> None:
     """Get that signal when the thread that made this process ends."""
     _checked(_libc().prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0))
+
+
+def lacking() -> list[str]:
+    """Those of :data:`RIGHTS` that this process has not."""
+    (line,) = (each for each in Path("/proc/self/status").read_text().splitlines() if each.startswith("CapEff:"))
+    return [name for name, bit in RIGHTS.items() if not int(line.split()[1], 16) >> bit & 1]
 
 
 def network_of_this_thread() -> int:

@@ -50,7 +50,7 @@ class Begin(msgspec.Struct, frozen=True):
     edges: list[Edge]
     channels: list[Conditions]
     seed: int
-    directory: str | None = None
+    directories: list[str] = []
     """removed when the lab ends, however it ends"""
 
 

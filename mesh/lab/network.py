@@ -26,6 +26,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
+
 from mesh.lab import kernel, messages
 from mesh.lab.channel import Conditions, Counters
 from mesh.lab.scenario import Scenario, check
@@ -49,6 +51,8 @@ def check_able() -> None:
         raise LabError(f"{_NEEDS}; this is not Linux")
     if os.geteuid() != 0:
         raise LabError(f"{_NEEDS}; you are user {os.geteuid()}: run it with sudo")
+    if lacking := kernel.lacking():
+        raise LabError(f"{_NEEDS}; root lacks {', '.join(lacking)} here: start the container with --privileged")
     if not Path(kernel.TUN).exists():
         raise LabError(f"{_NEEDS}; there is no {kernel.TUN}: 'modprobe tun', or give the container the device")
 
@@ -62,8 +66,8 @@ class Network:
     def __init__(self, scenario: Scenario, directory: Path | None = None, keep: Sequence[int] = ()) -> None:
         """``directory``: is removed when the lab ends, however it ends. ``keep``: descriptors that the relay holds."""
         self.scenario = check(scenario)
-        self.wiring: Wiring = wire(self.scenario, None if directory is None else str(directory))
-        self._keep = keep
+        self.wiring: Wiring = wire(self.scenario)
+        self._directory, self._keep = directory, keep
         self._conditions = list(self.wiring.begin.channels)
         self._lock = threading.Lock()
         self._relay: subprocess.Popen[bytes] | None = None
@@ -83,8 +87,9 @@ class Network:
             self._relay = subprocess.Popen(
                 command, pass_fds=[theirs.fileno(), *self._keep], start_new_session=True, stdin=subprocess.DEVNULL
             )
+        left = [str(each) for each in (self._directory, self._sockets.name) if each is not None]
         try:
-            begun = self._ask(self.wiring.begin)
+            begun = self._ask(msgspec.structs.replace(self.wiring.begin, directories=left))
         except BaseException:
             self.close()
             raise

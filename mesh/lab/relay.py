@@ -214,8 +214,8 @@ def serve(lab: Connection[Any, Any]) -> None:
         if os.getpid() == 1:  # in a PID namespace of our own, and so these are all in it: nobody writes any more
             with contextlib.suppress(OSError):
                 os.kill(-1, signal.SIGKILL)
-        if begin.directory is not None:
-            shutil.rmtree(begin.directory, ignore_errors=True)
+        for directory in begin.directories:
+            shutil.rmtree(directory, ignore_errors=True)
 
 
 def run(lab: Connection[Any, Any], network: RelayNetwork) -> None:

@@ -57,7 +57,7 @@ def _short(name: str) -> tuple[str, ...]:
     return (name, number[0]) if number and number[0] != name else (name,)
 
 
-def wire(scenario: Scenario, directory: str | None = None) -> Wiring:
+def wire(scenario: Scenario) -> Wiring:
     """Number everything of a checked scenario; raises :class:`BadConfig` for ends of no pair of their medium."""
     checked = [medium for medium in scenario.media if isinstance(medium, RadioChannel)]  # all of them
     joined = Counter(frozenset(pair) for medium in checked for pair in pairs_of(medium))
@@ -77,7 +77,7 @@ def wire(scenario: Scenario, directory: str | None = None) -> Wiring:
             edges.append(Edge(label, name, a, b, len(channels), len(channels) + 1))
             channels += [_conditions(medium, a, b), _conditions(medium, b, a)]
     media = [MediumSpec(medium.name or "", medium.shared) for medium in scenario.media]
-    return Wiring(Begin(tuple(scenario.hosts), interfaces, media, edges, channels, scenario.seed, directory))
+    return Wiring(Begin(tuple(scenario.hosts), interfaces, media, edges, channels, scenario.seed))
 
 
 def _interfaces(number: int, medium: RadioChannel) -> Iterator[Interface]:

@@ -10,12 +10,12 @@ from collections.abc import AsyncIterator, Callable, Iterator
 import msgspec
 import zenoh
 
-from mesh.bearer.shaper import parse_budget
 from mesh.plan import RouterPlan
 from mesh.quality.interface import address_of, signal
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
 from zmav.config import Host
+from zmav.config.mesh import parse_budget
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.gate import anybody

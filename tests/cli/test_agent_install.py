@@ -121,8 +121,9 @@ def test_a_named_one_takes_the_place_of_a_file(here: type[Here], etc: Path, blin
         (AGENT.replace("class Settings", "class Settings("), "SyntaxError"),
         (AGENT + "\nclass Second(Blinker):\n    name = 'second'\n", "Blinker, Second"),
         (AGENT + "\nraise SystemExit(3)\n", "ended with 3"),
+        (AGENT + "\nimport os\nos.write(2, b'\\xff no camera')\nos._exit(1)\n", "no camera"),
     ],
-    ids=["no agent", "import", "syntax", "two", "exit"],
+    ids=["no agent", "import", "syntax", "two", "exit", "no text"],
 )
 def test_a_file_that_does_not_load_is_refused(
     here: type[Here], etc: Path, blinker: Path, text: str, words: str

@@ -176,6 +176,17 @@ def test_a_link_in_trouble(speaker: Speaker, per_report: dict[str, int], words: 
     assert bool(line["advice"]) is bool(words)
 
 
+def test_a_link_whose_counters_begin_anew(speaker: Speaker) -> None:
+    """Because its 'zmav up' has just started again."""
+    before, after = itertools.islice(qualities(lost=9, bad_crc=9, rx_dropped=9), 500, None), qualities()
+    asked: Any = speaker.session.declare_publisher(LINK)
+    heard = itertools.count()
+    speaker.say(STATE, state)
+    speaker.say(LINK, lambda: next(after if asked.matching_status.matching and next(heard) > 2 else before))
+    line = findings(speaker.zmav.fails("doctor", "--for", "0.4", "--json").lines)["demo/quad7 autopilot link"]
+    assert line["ok"], line
+
+
 @pytest.mark.parametrize(("off", "well"), [(0.0, True), (3.0, False), (-3600.0, False)])
 def test_a_clock_that_is_off(speaker: Speaker, off: float, well: bool) -> None:
     def answer(query: zenoh.Query) -> None:

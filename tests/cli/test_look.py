@@ -251,6 +251,13 @@ def test_wrong_usage_ends_with_2(start: StartProcess, arguments: list[str]) -> N
         ["echo"],
         ["echo", "quad1", "-n", "0"],
         ["hz", "quad1", "--for", "0"],
+        ["hz", "quad1", "--for", "inf"],
+        ["get", "quad1", "--timeout", "nan"],
+        ["mesh", "graph", "--timeout", "nan"],
+        ["ls", "--wait", "nan"],
+        ["ls", "--wait", "-1"],
+        ["terrain", "load", "quad1", "--from", "srtm", "--radius", "nan"],
+        ["replay", "--start", "inf"],
         ["ls", "--mode", "captain"],
         ["goto", "quad1"],
         ["goto", "quad1", "--to", "1,2,3", "--at", "1", "2"],
@@ -265,6 +272,15 @@ def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
     told = here().misused(*arguments)
     assert told.err.startswith("Usage: ")
     assert "Error: " in told.err
+
+
+@pytest.mark.parametrize("value", [400 * "1", 5000 * "1", 100_000 * "["], ids=["large", "huge", "deep"])
+@pytest.mark.parametrize("verb", ["do quad1 takeoff alt_rel", "param set quad1 RTL_ALT"])
+def test_a_value_that_no_order_has_is_named(here: type[Here], verb: str, value: str) -> None:
+    *words, name = verb.split()
+    told = here().fails(*words, f"{name}={value}")
+    assert isinstance(told.error, BadInput)
+    assert name in str(told.error)
 
 
 def test_help_lists_every_verb(here: type[Here]) -> None:

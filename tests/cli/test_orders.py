@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import re
 import signal
 import time
@@ -9,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.cli.conftest import Speaker
+from zmav import wire
 from zmav.cli import progress
-from zmav.errors import BadInput, BadMessage, NoSuchVehicle, Stale
+from zmav.errors import BadInput, BadMessage, NoSuchVehicle, Refused, Stale
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Patience, StartProcess, Vehicle
@@ -133,6 +137,22 @@ def test_send_a_message(vehicle: Vehicle) -> None:
     vehicle.until(lambda s: s.mode == "LOITER")
     vehicle.zmav("send", "quad*", "SET_MODE", "base_mode=1", "custom_mode=0")
     vehicle.until(lambda s: s.mode == "STABILIZE")
+
+
+def test_send_and_fly_hear_what_is_refused_among_others_words(vehicle: Vehicle, net: Net) -> None:
+    """Events without end, every other one no event at all."""
+    session, endpoint = net.router(vehicle.endpoint)
+    event = wire.encode(wire.Event(t=0.0, kind="statustext", severity="info", text="words"))
+    words = itertools.cycle((b"{", event))
+    with contextlib.closing(Speaker(session, endpoint)) as speaker:
+        speaker.say("zmav/demo/quad1/event", lambda: next(words))
+        told = vehicle.zmav("send", "quad1", "SET_MODE", "base_mode=1", "custom_mode=0")
+        assert told.out == "quad1: SET_MODE sent (18 bytes)\n"
+        told = vehicle.zmav.fails("send", "quad1", "SET_MODE", "base_mode=1", "custom_mode=9", "target_system=9")
+        assert "its target_system is 9" in told.err
+        error = vehicle.zmav.fails("fly", "quad1", "--vel", "0,0,999", "--for", "1").error
+    assert isinstance(error, Refused)
+    assert error.detail["reasons"]
 
 
 def test_send_says_what_is_wrong(vehicle: Vehicle, net: Net) -> None:

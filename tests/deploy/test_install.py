@@ -7,6 +7,7 @@ what was seen where it did.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -50,6 +51,19 @@ def test_bash_can_read_it() -> None:
     if shutil.which("shellcheck"):
         done = subprocess.run(["shellcheck", str(SCRIPT)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout
+
+
+def test_a_healthy_upgrade_removes_all_that_one_cut_short_has_left(tmp_path: Path) -> None:
+    """The settings it would have taken back, too, in which the keys are: whatever it makes in its folder by mktemp."""
+    text = SCRIPT.read_text(encoding="utf-8")
+    (line,) = re.findall(r"^ *(find \"\$OPT\" .* -exec rm -rf .*)$", text, re.MULTILINE)
+    left = [name.replace("XXXXXX", "a1b2c3") for name in re.findall(r'mktemp -d "\$OPT/([^"]+)"', text)]
+    assert len(left) >= 2
+    for name in (*left, "env-old", "env-new"):
+        (tmp_path / name).mkdir()
+    settings = {**os.environ, "OPT": str(tmp_path), "NEW": str(tmp_path / "env-new")}
+    subprocess.run(["bash", "-c", line], check=True, env=settings)
+    assert [each.name for each in tmp_path.iterdir()] == ["env-new"]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mesh.cli.config import command
+from zmav.doctor.fleet_file import check_file
 from zmav.errors import BadConfig
 
 FLEET = """
@@ -97,3 +98,14 @@ def test_without_a_file_it_is_a_router_on_loopback() -> None:
 )
 def test_what_cannot_be_is_said(file: Path, arguments: list[str], words: str) -> None:
     assert words in str(told("--file", str(file), *arguments).exception)
+
+
+def test_a_budget_that_is_none_is_said_of_every_host_on_each(tmp_path: Path) -> None:
+    """By the doctor, too: who mends the file need not be at the vehicle that would not start with it."""
+    file = tmp_path / "fleet.toml"
+    radio = '{ address = "10.8.0.1", budget = "60" }'
+    file.write_text(f'[stations.ground]\n[vehicles.quad1]\nlink = "tcp:127.0.0.1:1"\nmesh.radios = [{radio}]\n')
+    words = f"{file}: vehicles.quad1.mesh.radios[0].budget is '60'; expected like '60 kB/s' or '1 Mbit/s'"
+    assert words in str(told("--file", str(file), "--name", "ground").exception)
+    (finding,), _ = check_file(str(file), "ground")
+    assert words in finding.found

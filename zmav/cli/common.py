@@ -6,6 +6,7 @@ import functools
 import importlib
 import itertools
 import json
+import math
 import os
 import re
 import sys
@@ -94,6 +95,14 @@ class Verbs(click.Group):
         return None
 
 
+class Between(click.FloatRange):
+    """Numbers in a range. NaN, which is neither above nor below any, is none; nor is infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        found = super().convert(value, param, ctx)
+        return found if math.isfinite(found) else self.fail(f"{value!r} is no number", param, ctx)
+
+
 def zenoh_options(command: F) -> F:
     """``-e -l -m -c --cfg`` as the zenoh tools have them, given to the verb as one ``settings``."""
 
@@ -137,7 +146,7 @@ fleet_option = click.option(
     help="Fleet to look at; '*' for all.",
 )
 seconds_option = click.option(
-    "--for", "seconds", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to listen."
+    "--for", "seconds", type=Between(min=0.1), default=3.0, show_default=True, help="Seconds to listen."
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document a line, for scripts.")
 dialect_option = click.option(
@@ -187,10 +196,16 @@ def assignments(pairs: tuple[str, ...]) -> dict[str, Any]:
         if not equals or not name:
             raise BadInput(f"{pair!r} is not NAME=VALUE", field=pair, value=pair, expected="NAME=VALUE")
         try:
-            values[name] = json.loads(text)
-        except json.JSONDecodeError:
+            values[name] = json.loads(text, parse_int=_whole)
+        except (ValueError, RecursionError):
             values[name] = text
     return values
+
+
+def _whole(digits: str) -> float:
+    """Beyond MAVLink's 64 bits it is a float, and may be infinite: what it is for refuses it by its name."""
+    number = int(digits) if len(digits) <= 20 else float(digits)
+    return number if abs(number) < 1 << 64 else float(number)
 
 
 def console() -> Console:

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from zmav import keys, wire
+from zmav import wire
 from zmav.cli import places
 from zmav.cli.common import F, Work, connected, json_option, tell
 from zmav.cli.vehicles import one
@@ -73,7 +73,7 @@ def command(vehicle: str, seconds: float, rate: float, priority: int, as_json: b
     async def fly(z: Client) -> None:
         target = await one(z, vehicle)
         said: list[str] = []
-        listener = asyncio.create_task(_listen(z, target, said, as_json))
+        listener = asyncio.create_task(_listen(target, said, as_json))
         before, start, count = dict(target.state.setpoints), time.monotonic(), 0
         try:
             async with target.lease("fly", priority=priority) as lease:
@@ -130,11 +130,10 @@ def _point(fields: dict[str, Any]) -> wire.Setpoint:
     return point
 
 
-async def _listen(z: Client, vehicle: Vehicle, said: list[str], as_json: bool) -> None:
+async def _listen(vehicle: Vehicle, said: list[str], as_json: bool) -> None:
     """What the vehicle says of its setpoints: a refusal comes as an event, for a put has no answer."""
-    async with z.subscribe(keys.EVENT.key(vehicle.fleet, vehicle.name)) as events:
-        async for sample in events:
-            event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
+    async with vehicle.events() as events:
+        async for event in events:
             if event.kind not in ("setpoint", "lease", "mode", "failsafe"):
                 continue
             if event.kind == "setpoint":

@@ -7,7 +7,7 @@ import json
 import click
 
 from zmav import keys
-from zmav.cli.common import Work, connected, dump, json_option, tell
+from zmav.cli.common import Between, Work, connected, dump, json_option, tell
 from zmav.client import Answer, Client
 from zmav.errors import NoSuchVehicle, ZmavError
 
@@ -15,7 +15,7 @@ from zmav.errors import NoSuchVehicle, ZmavError
 @click.command("get")
 @click.argument("key")
 @click.option("--value", default="", help="JSON to send with the query.")
-@click.option("--timeout", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to wait.")
+@click.option("--timeout", type=Between(min=0.1), default=3.0, show_default=True, help="Seconds to wait.")
 @json_option
 @connected
 def command(key: str, value: str, timeout: float, as_json: bool) -> Work:

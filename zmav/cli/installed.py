@@ -175,7 +175,7 @@ def _try(name: str, stage: Path) -> None:
     environment = {"PATH": os.environ.get("PATH", os.defpath), "HOME": "/", "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
-            command, cwd="/", env=environment, capture_output=True, text=True, check=False, timeout=LOADS, **who
+            command, cwd="/", env=environment, capture_output=True, errors="replace", check=False, timeout=LOADS, **who
         )
     except subprocess.TimeoutExpired:
         text = f"{name} cannot be installed: it was not loaded within {LOADS:g} s"

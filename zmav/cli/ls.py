@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.text import Text
 
 import zmav
-from zmav.cli.common import Work, connected, console, dump, json_option, table
+from zmav.cli.common import Between, Work, connected, console, dump, json_option, table
 from zmav.doctor.facts import facts_of
 from zmav.doctor.rules import reasons
 
@@ -18,7 +18,9 @@ COLUMNS = ("vehicle", "id", "kind", "autopilot", "mode", "armed", "batt", "place
 
 
 @click.command("ls")
-@click.option("--wait", default=1.0, show_default=True, help="Seconds to listen for vehicles, at most.")
+@click.option(
+    "--wait", type=Between(min=0.0), default=1.0, show_default=True, help="Seconds to listen for vehicles, at most."
+)
 @json_option
 @connected
 def command(wait: float, as_json: bool) -> Work:

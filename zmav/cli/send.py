@@ -13,6 +13,7 @@ from zmav.cli.vehicles import matching
 from zmav.client import Client
 from zmav.errors import Stale
 from zmav.mavlink import encode
+from zmav.subscription import Subscription
 from zmav.waiting import within
 
 REFUSAL_S = 0.3
@@ -44,15 +45,17 @@ def command(vehicles: str, message: str, fields: tuple[str, ...], sysid: int, co
             full = {**{k: v for k, v in target.items() if k in known}, **values}
             frame = encode(z.dialect, message, full, sysid=sysid, compid=compid)
             key = keys.TX.key(state.fleet, vehicle.name, sys=state.sysid, comp=state.compid, msg=message)
-            async with z.subscribe(keys.EVENT.key(state.fleet, vehicle.name)) as events:
+            async with vehicle.events() as events:
                 z.put(keys.TX, key, frame)
                 click.echo(f"{vehicle.name}: {message} sent ({len(frame)} bytes)")
                 with contextlib.suppress(asyncio.TimeoutError):
-                    while True:
-                        sample = await within(REFUSAL_S, events.get())
-                        event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-                        if event.kind == "refused":
-                            click.echo(f"{vehicle.name}: {event.text}", err=True)
-                            raise SystemExit(1)
+                    click.echo(f"{vehicle.name}: {await within(REFUSAL_S, _refusal(events))}", err=True)
+                    raise SystemExit(1)
 
     return send
+
+
+async def _refusal(events: Subscription[wire.Event]) -> str:
+    while (event := await events.get()).kind != "refused":
+        pass
+    return event.text

@@ -8,7 +8,7 @@ import click
 import msgspec
 
 from zmav import geo, wire
-from zmav.cli.common import Work, connected, dump, json_option
+from zmav.cli.common import Between, Work, connected, dump, json_option
 from zmav.cli.places import numbers
 from zmav.cli.vehicles import Line, on_all
 from zmav.errors import BadInput, TimedOut
@@ -42,7 +42,7 @@ def command() -> None:
 @from_option
 @click.option(
     "--radius",
-    type=click.FloatRange(min=0.0, max=100_000.0),
+    type=Between(min=0.0, max=100_000.0),
     default=8000.0,
     show_default=True,
     help="m about each vehicle; an ArduPilot asks for some 6000.",

@@ -23,6 +23,8 @@ budget = "60 kB/s"
 from __future__ import annotations
 
 import ipaddress
+import math
+import re
 from collections.abc import Mapping
 from typing import Annotated, Literal, Protocol, Union
 
@@ -30,7 +32,7 @@ import msgspec
 
 from zmav import keys
 from zmav.config.table import Positive, Table
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 
 Profile = Literal["lan", "wds", "mesh", "multi", "cloud"]
 RadioKind = Literal["ethernet", "wifi", "lte", "serial"]
@@ -41,6 +43,34 @@ PREFIX = {4: 24, 6: 64}
 """bits of the network, by IP version, where an address is written without them"""
 COST: Mapping[RadioKind, int] = {"ethernet": 10, "wifi": 20, "lte": 100, "serial": 500}
 """what a way through such a radio costs, where the fleet file does not say"""
+
+
+_RATE = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*([kMG]?)(bit/s|bps|b/s|B/s|)\s*\Z")
+_FACTOR = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
+LEAST = 5000.0
+"""bytes/s below which no router's link opens in time (measured: 1.3 s at 5 kB/s)"""
+
+
+def bits_per_second(text: str, field: str = "rate") -> float:
+    """``1 Mbit/s``, ``60kB/s`` or ``500k`` (bits); raises :class:`BadInput`."""
+    found = _RATE.match(text)
+    value = float(found[1]) * _FACTOR[found[2]] * (8.0 if found[3] == "B/s" else 1.0) if found else 0.0
+    if not (math.isfinite(value) and value > 0.0):
+        expected = "1Mbit/s, 60kB/s or the like"
+        raise BadInput(f"{field} {text!r}: expected {expected}", field=field, value=text, expected=expected)
+    return value
+
+
+def parse_budget(text: str, field: str = "budget") -> float:
+    """Bytes a second of ``60 kB/s`` or ``1 Mbit/s``; raises :class:`BadConfig` for anything else."""
+    expected = "like '60 kB/s' or '1 Mbit/s', 5 kB/s at least"
+    try:
+        rate = bits_per_second(text, field) / 8.0 if text.rstrip().endswith("/s") else 0.0
+    except BadInput:
+        rate = 0.0
+    if rate < LEAST:
+        raise BadConfig.wrong(field, text, expected, f"{field} is {text!r}")
+    return rate
 
 
 class Radio(Table, frozen=True):
@@ -137,6 +167,8 @@ def check_hosts(mesh: Mesh, hosts: Mapping[str, Member]) -> None:
 def _check_radio(place: str, radio: Radio, port: int, taken: dict[tuple[str, int], str]) -> None:
     for name in radio.thin:
         keys.check_message(name)
+    if radio.budget is not None:
+        parse_budget(radio.budget, f"{place}.budget")
     if radio.interface is None and radio.address is None:
         raise BadConfig.wrong(place, "without interface and address", "one of the two at least")
     try:

@@ -176,7 +176,10 @@ class StatusListener:
         host = f"{parts['fleet']}/{parts['vehicle']}"
         if isinstance(quality, wire.LinkQuality):
             if host in self.autopilots or len(self.autopilots) < MOST:
-                self.autopilots[host].append(quality)
+                heard = self.autopilots[host]
+                if heard and quality.rx_frames < heard[-1].rx_frames:
+                    heard.clear()  # its program has started again, and counts anew
+                heard.append(quality)
         elif quality.name == keys.check_name(parts["link"]) and len(self.neighbours) < MOST * MOST:
             self.neighbours[host, f"{parts['fleet']}/{quality.name}"] = quality
 

@@ -1,4 +1,4 @@
-"""The picture of a demo and its animation, and the distances behind them."""
+"""The picture of a demo, and the distances behind it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from agents.demo.picture import draw, draw_figure, without_rest
 from agents.demo.play import Mark
 from agents.demo.report import slow_words
 from agents.demo.watch import Row, Truth
-from deploy.demos.pictures import animate
 from zmav.errors import BadInput
 
 ROWS = [Row(0.2 * k, ((0.1 * k, 0.0, 5.0), (0.0, 8.0 - 0.1 * k, 5.0))) for k in range(60)]
@@ -74,13 +73,6 @@ def test_no_word_lies_on_another() -> None:
     for (one, a), (other, b) in itertools.combinations(boxes, 2):
         assert not a.overlaps(b), (one, other)
     assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 for _, box in boxes)
-
-
-def test_an_animation_is_a_gif_or_it_is_said_why_not(tmp_path: Path) -> None:
-    animate(["a", "b"], ROWS[:20], "a test", tmp_path / "tracks.gif", frames=3)
-    assert (tmp_path / "tracks.gif").read_bytes().startswith(b"GIF8")
-    with pytest.raises(BadInput, match=r"cannot draw .*nowhere"):
-        animate(["a", "b"], ROWS[:20], "a test", tmp_path / "nowhere" / "tracks.gif", frames=3)
 
 
 def test_truth_knows_how_far_how_high_and_how_near() -> None:

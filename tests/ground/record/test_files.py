@@ -191,6 +191,27 @@ def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
     assert tlog(here.files("tlog")[0])[:100] == make.made[:100]
 
 
+def test_a_disk_that_has_become_read_only_is_said_and_tried_again(
+    desk: Any, frames: type[Frames], narrow: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Any, **options: Any) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    here, make = desk(retry=0.2), frames()
+    narrow(1000)  # the .mcap begins, and the .tlog takes nothing
+    with monkeypatch.context() as read_only:
+        read_only.setattr(os, "unlink", refuse)
+        for _ in range(100):
+            here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.told("nothing is recorded until there is room")
+    narrow(resource.RLIM_INFINITY)
+    while not any("there is room again" in line for line in here.said):
+        here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.until("taken", len(make.made))
+    here.storage.close()
+    assert tlog(here.files("tlog")[-1])[-1] == make.made[-1]
+
+
 def test_a_file_cut_anywhere_is_completed_to_its_last_flush(desk: Any, frames: type[Frames], tmp_path: Path) -> None:
     here, make = desk(), frames()
     for flushed in (20, 40, 60):

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import pytest
 from click.testing import CliRunner
 
 from ground.record.cli import command
-from zmav import keys, wire
+from zmav import cli, keys, wire
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
 
 KEY = keys.FLEET.key("demo", topic=keys.ORDERED)
 
@@ -30,6 +34,13 @@ def test_the_orders_in_a_recording_are_shown(desk: Any) -> None:
     assert "1 orders" in result.output
 
 
-def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
-    result = CliRunner().invoke(command, ["--orders", str(tmp_path)])
-    assert result.exit_code != 0 and "no .mcap and no .tlog" in f"{result.output}{result.exception}"
+@pytest.mark.parametrize("verb", [["record", "--orders"], ["replay"]], ids=" ".join)
+def test_what_is_no_recording_is_said(tmp_path: Path, verb: list[str], net: Net) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("hello world, this is no recording")
+    folder = tmp_path / "folder"
+    (folder / "quad1.tlog").mkdir(parents=True)
+    told = ((tmp_path, "no .mcap and no .tlog"), (notes, f"{notes} holds no MAVLink"), (folder, "cannot play"))
+    for path, words in told:
+        result = CliRunner().invoke(cli.zmav, [*verb, str(path), "-e", net.router()[1]])
+        assert result.exit_code != 0 and words in f"{result.output}{result.exception}"

@@ -260,6 +260,19 @@ def test_what_is_larger_than_any_of_the_radios_carries_is_dropped_and_counted(pa
     there.socket.close()
 
 
+def test_a_port_that_another_program_holds_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    """Or nothing would say why no link comes: the router itself listens on another port."""
+    taken = udp()
+    number = taken.getsockname()[1]
+    port = RadioPort(Radio(address="127.0.0.1"), number, 0.0)
+    assert not any(port.open(10.0 * look) for look in range(3))
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert f"port {number} is in use by another program" in line
+    taken.close()
+    assert port.open(100.0)
+    port.close()
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 def test_a_radio_s_interface_tells_how_much_it_carries() -> None:
     port = RadioPort(Radio(address="127.0.0.1", interface="lo"), free_udp_ports(1), 0.0)

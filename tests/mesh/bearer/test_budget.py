@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh.bearer.shaper import LARGEST, Bucket, parse_budget
+from mesh.bearer.shaper import LARGEST, Bucket
+from zmav.config.mesh import parse_budget
 from zmav.errors import BadConfig
 
 

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh.bench import run
-from mesh.units import bits_per_second, duration, milliseconds, percent, rate, size
+from mesh.units import duration, milliseconds, percent, rate, size
+from zmav.config.mesh import bits_per_second
 from zmav.errors import BadInput
 
 

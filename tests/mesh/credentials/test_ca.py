@@ -161,6 +161,38 @@ def test_what_is_wrong_with_its_folder_is_said(authority: Authority, tmp_path: P
         Authority.open(authority.folder, no_passphrase)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"), [('"vehicle"', '"captain"'), ('"not_after": ', '"not_after": 9e99'), ('"t": ', '"t": -1e')]
+)
+def test_a_ledger_without_sense_is_damaged_for_every_verb(authority: Authority, before: str, after: str) -> None:
+    authority.issue("quad1", Role.VEHICLE)
+    ledger = authority.folder / "ledger.json"
+    assert before in ledger.read_text()
+    ledger.write_text(ledger.read_text().replace(before, after))
+    for verb in (["list"], ["revoke", "quad1"], ["renew", "quad1"], ["roster"]):
+        with pytest.raises(BadConfig, match=r"is damaged.*copy of this folder"):
+            CliRunner().invoke(command, [*verb, "--ca", str(authority.folder)], catch_exceptions=False)
+
+
+def test_a_roster_that_is_gone_is_not_published(authority: Authority) -> None:
+    (authority.folder / "roster.json").unlink()
+    arguments = ["roster", "--publish", "--ca", str(authority.folder)]
+    with pytest.raises(BadConfig, match=r"cannot read .*roster\.json: No such file.*renew"):
+        CliRunner().invoke(command, arguments, catch_exceptions=False)
+
+
+def test_a_folder_that_cannot_be_replaced_keeps_no_other_member_from_being_renewed(authority: Authority) -> None:
+    before = {name: Credentials.load(authority.issue(name, Role.VEHICLE, days=9)) for name in ("quad1", "quad2")}
+    notes = before["quad1"].folder / "notes.txt"
+    notes.write_text("hers")
+    with pytest.raises(BadConfig, match=r"quad1 holds 'notes\.txt', too"):
+        CliRunner().invoke(command, ["renew", "--all", "--ca", str(authority.folder)], catch_exceptions=False)
+    after = {name: Credentials.load(held.folder) for name, held in before.items()}
+    assert after["quad1"].certificate.fingerprint == before["quad1"].certificate.fingerprint
+    assert after["quad2"].certificate.fingerprint != before["quad2"].certificate.fingerprint
+    assert after["quad1"].roster.number == after["quad2"].roster.number
+
+
 def test_two_at_once_lose_nothing(authority: Authority) -> None:
     names = [f"quad{number}" for number in range(12)]
     same = Authority.open(authority.folder, no_passphrase)

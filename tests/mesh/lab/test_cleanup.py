@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from mesh.lab.remote import Remote
+from zmav import rundir
 
 pytestmark = [pytest.mark.root, pytest.mark.usefixtures("able")]
 
@@ -38,6 +39,8 @@ class Running:
     directory: Path
     relay: int
     networks: set[str]
+    sockets: Path
+    """of its hosts' programs"""
 
     def left(self) -> list[str]:
         """What is still there."""
@@ -46,6 +49,8 @@ class Running:
             found.append("the relay")
         if self.directory.exists():
             found.append(f"files: {sorted(self.directory.iterdir())}")
+        if self.sockets.exists():
+            found.append(f"files: {self.sockets}")
         return found
 
     def gone(self) -> None:
@@ -85,7 +90,8 @@ def begin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Begin]:
             room = remote.call("room", host="h1")
             other = remote.call("room", host="h2")
         networks = {inode(each["namespace"]) for each in (room, other)}
-        return Running(process, tmp_path / "zmav-lab" / "tiny", room["pid"], networks)
+        sockets = Path(room["environment"][rundir.VARIABLE]).parent
+        return Running(process, tmp_path / "zmav-lab" / "tiny", room["pid"], networks, sockets)
 
     yield begin
     for process in started:

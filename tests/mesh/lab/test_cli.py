@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import stat
 import subprocess
@@ -61,6 +62,19 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Environment]:
 def zmav(environment: Environment, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "zmav", *arguments]
     return subprocess.run(command, env=environment, text=True, capture_output=True, timeout=PATIENCE_S, **options)
+
+
+@pytest.mark.skipif(shutil.which("setpriv") is None, reason="needs setpriv, to be a container's root")
+@pytest.mark.parametrize("right", ["net_admin", "sys_admin"])
+def test_a_root_without_the_rights_is_told_which(tmp_path: Path, right: str) -> None:
+    (tmp_path / "pair.toml").write_text(FILE)
+    less = ["setpriv", f"--bounding-set=-{right}", f"--inh-caps=-{right}"]
+    command = [*less, sys.executable, "-m", "zmav", "lab", "up", str(tmp_path / "pair.toml")]
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
+    done = subprocess.run(command, env=environment, text=True, capture_output=True, check=False, timeout=PATIENCE_S)
+    assert done.returncode == 1
+    assert f"root lacks CAP_{right.upper()} here: " in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.fixture
