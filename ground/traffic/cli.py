@@ -13,6 +13,7 @@ from zmav.cli.common import Work, connected, console, dump, json_option, seconds
 from zmav.client import Client
 from zmav.errors import BadInput, missing_extra
 from zmav.process import log
+from zmav.traffic import on_earth
 
 if TYPE_CHECKING:
     from ground.traffic.program import TrafficSettings
@@ -94,7 +95,7 @@ def parse_at(text: str) -> tuple[float, float]:
         lat, lon = map(float, text.split(","))
     except ValueError:
         lat = lon = float("nan")
-    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0):
+    if not on_earth(lat, lon):
         raise BadInput(f"no place {text!r}", field="at", value=text, expected="LAT,LON in degrees: 50.1,8.7")
     return lat, lon
 

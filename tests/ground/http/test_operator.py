@@ -36,7 +36,7 @@ def at(north: float, east: float, **more: Any) -> dict[str, Any]:
 
 
 async def opened(tab: Tab, served: Served, *names: str) -> None:
-    """The page, once it has heard what the vehicles are now: what they were in the test before is known to the gateway."""
+    """The page, once it has heard what the vehicles are now: the gateway knows what they were in the test before."""
     now = time.time()
     await tab.open(f"http://127.0.0.1:{served.port}/")
     await pieces(tab)
