@@ -264,7 +264,7 @@ async def test_a_vehicle_that_says_what_cannot_be_spoils_no_list(sky: Sky) -> No
     here = {"lat_deg": ORIGIN.lat_deg, "lon_deg": ORIGIN.lon_deg, "alt_amsl": ORIGIN.alt_amsl, "alt_rel": 0.0}
     nowhere = [{"lat_deg": 1e308}, {"lat_deg": 1e300}, {"lon_deg": 1e300}, {"alt_amsl": -1e300}]
     places = [wire.GlobalPosition(**here | wrong) for wrong in (*nowhere, {})]
-    about = {
+    about: dict[str, Any] = {
         "fleet": "demo",
         "instance": "1",
         "connected": True,
