@@ -18,6 +18,22 @@ from zmav.traffic import on_earth
 if TYPE_CHECKING:
     from ground.traffic.program import TrafficSettings
 
+COLUMNS = {
+    "icao": "icao",
+    "callsign": "callsign",
+    "m AMSL": "alt_amsl",
+    "±": "alt_error",
+    "by": "alt_from",
+    "age s": "age",
+    "nearest": "vehicle",
+    "m away": "distance",
+    "above m": "height",
+    "in s": "time",
+    "then m": "nearest",
+    "source": "source",
+}
+"""of the list, and what stands in each"""
+
 
 @click.command("traffic")
 @click.argument("feeds", nargs=-1, metavar="[FEED]...")
@@ -116,23 +132,9 @@ async def _list(z: Client, seconds: float, as_json: bool) -> None:
         for row in rows:
             click.echo(dump(row))
         return
-    table = Table(
-        "icao", "callsign", "m AMSL", "±", "by", "age s", "nearest", "m away", "above m", "in s", "then m", "source"
-    )
+    table = Table(*COLUMNS)
     for row in rows:
-        cells = (
-            "icao",
-            "callsign",
-            "alt_amsl",
-            "alt_error",
-            "alt_from",
-            "age",
-            "vehicle",
-            "distance",
-            "height",
-            "time",
-        )
-        texts = [row.get(cell) for cell in (*cells, "nearest", "source")]
+        texts = [row.get(name) for name in COLUMNS.values()]
         table.add_row(*("-" if text in (None, "") else str(text) for text in texts))
     console().print(table if rows else "no traffic is told")
 
