@@ -230,6 +230,25 @@ async def test_the_map_stands_still_under_a_tool_and_under_what_is_dragged(
 
 
 @pytest.mark.asyncio(loop_scope="module")
+async def test_places_are_about_the_origin_that_the_fleet_was_started_again_with(
+    tab: Tab, served: Served, fleet: Fleet
+) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    about = "store.origin && toNed(store.origin, store.named('quad1').place)"
+    await tab.until(f"Math.hypot(...{about}) < 1")
+    of = await tab.run("store.originOf?.split('/')[1] ?? 'quad1'")
+    other = {"quad1": "quad2", "quad2": "quad1"}[of]
+    east = {"quad1": 0, "quad2": 40}
+    fleet.more[other] = at(0, east[other], local=(700.0, 0.0, -10.0))
+    await tab.until(f"store.named('{other}').state.local[0] === 700")
+    assert await tab.run(f"Math.hypot(...{about}) < 1"), "one vehicle that has another origin moves nobody's"
+    fleet.more[of] = at(0, east[of], local=(700.0, float(east[of]), -10.0))
+    await tab.until(f"Math.abs(({about})[0] - 700) < 1")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
 async def test_an_area_that_was_just_given_is_dragged_to_the_end(
     tab: Tab, served: Served, fleet: Fleet, planner: FakePlanner
 ) -> None:
