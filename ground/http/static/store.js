@@ -204,6 +204,7 @@ export class Store {
   forget() {
     for (const vehicle of this.vehicles.values()) vehicle.trail = [];
     this.events = [];
+    this.eventCount = 0;
     this.book = null;
     this.plans.clear();
     this.obstacles.clear();
