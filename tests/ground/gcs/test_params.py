@@ -191,7 +191,7 @@ def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> No
 
 def test_what_a_vehicle_hears_of_another_is_not_taken_for_its_own(fleet: Fleet, gcs: Caller) -> None:
     """Both radios hear both autopilots: the other's parameters come over this vehicle's agent, too."""
-    about = {"param_id": "WPNAV_SPEED", "param_index": -1}
+    about: dict[str, Any] = {"param_id": "WPNAV_SPEED", "param_index": -1}
     before = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", **about)["param_value"]
     withheld = fleet.bridge.downlink.counters.withheld
     fields = {"param_id": "WPNAV_SPEED", "param_value": before + 1.0, "param_type": REAL32, "param_count": 1}
