@@ -13,7 +13,7 @@ import zmav
 from ground.program import hear_proven
 from zmav import keys, wire
 from zmav.services.link.port import on_loop
-from zmav.traffic import BYTES, MOST_SOURCES, AirPicture, Seen, approach, read
+from zmav.traffic import BYTES, MOST_SOURCES, AirPicture, Seen, approach, on_earth, read
 
 
 class Listener:
@@ -64,8 +64,13 @@ class Listener:
 
 
 def _nearest(z: zmav.Client, seen: Seen) -> tuple[str | None, Any]:
-    known = [(v.name, v.last_state) for v in z.fleet()]
-    found = [(approach(seen, s.position, s.velocity), name) for name, s in known if s is not None and s.position]
+    found = [
+        (approach(seen, p, s.velocity), v.name)
+        for v in z.fleet()
+        if (s := v.last_state) is not None
+        and (p := s.position) is not None
+        and on_earth(p.lat_deg, p.lon_deg, p.alt_amsl)
+    ]
     if not found:
         return None, None
     best, name = min(found, key=lambda each: each[0].distance)

@@ -39,9 +39,14 @@ CURRENT_S = 4.0
 PRESSURE_ERROR, QNH_ERROR, GEOID_ERROR = 250.0, 60.0, 60.0
 """m by which a height may be off: by a pressure altitude without QNH (985 to 1040 hPa), with it (temperature), and by a
 GNSS that counts from the ellipsoid"""
-SQUAWKS = {"7500": "7500", "7600": "7600", "7700": "7700"}
+SQUAWKS = ("7500", "7600", "7700")
 MATES = 0xFA0000
 """addresses from here, of no state by ICAO Annex 10, are the fleet's own: see :func:`mate_address`"""
+
+
+def on_earth(lat_deg: float, lon_deg: float, alt: float = 0.0) -> bool:
+    """Or in the air above it, up to 100 km. ``alt``: m."""
+    return abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(alt) <= 1e5
 
 
 class Sighting(NamedTuple):
@@ -140,11 +145,11 @@ class Tracks:
         if s.ground is not None:
             track.ground = s.ground
         if s.squawk is not None:
-            track.squawk = SQUAWKS.get(s.squawk, "")
+            track.squawk = s.squawk if s.squawk in SQUAWKS else ""
         if s.place is None:
             return
         lat, lon = s.place
-        if self._possible("position", -90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0 and s.place != (0.0, 0.0)):
+        if self._possible("position", on_earth(lat, lon) and s.place != (0.0, 0.0)):
             before = track.positions
             if not track.hear(s.place, now) and before >= AGREE:
                 self.refused["jump"] += 1
@@ -214,7 +219,7 @@ def read(payload: bytes) -> wire.Traffic:
                 "traffic.icao", each.icao[:8], "six digits, and a callsign of eight characters at most"
             )
         v = each.velocity or (0.0, 0.0, 0.0)
-        well = abs(each.lat_deg) <= 90.0 and abs(each.lon_deg) <= 180.0 and 0.0 <= each.age <= FORGET_S + 1.0
+        well = on_earth(each.lat_deg, each.lon_deg) and 0.0 <= each.age <= FORGET_S + 1.0
         if not (well and math.hypot(*v) <= FASTEST and -1000.0 <= (each.alt or 0.0) <= 30_000.0):
             raise BadInput.wrong(f"traffic.{each.icao[:8]}", each.lat_deg, "a place, an age and a speed that can be")
     return report
@@ -323,7 +328,7 @@ def approach(seen: Seen, place: wire.GlobalPosition, velocity: Vector | None) ->
     (north, east, down), theirs = seen.ned(here)
     own = velocity or (0.0, 0.0, 0.0)
     v = theirs[0] - own[0], theirs[1] - own[1]
-    square = v[0] ** 2 + v[1] ** 2
+    square = v[0] * v[0] + v[1] * v[1]  # of what cannot be it is infinite, where ** raises
     time = 0.0 if square < 0.01 else max(0.0, -(north * v[0] + east * v[1]) / square)
     nearest = math.hypot(north + v[0] * time, east + v[1] * time)
     return Approach(math.hypot(north, east), None if seen.amsl is None else -down, nearest, time)

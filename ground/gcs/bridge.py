@@ -19,7 +19,7 @@ from ground.gcs.client import Client
 from ground.gcs.corrections import Corrections
 from ground.gcs.downlink import Downlink
 from ground.gcs.missions import Missions
-from ground.gcs.options import Endpoint, Options
+from ground.gcs.options import Endpoint, Kind, Options
 from ground.gcs.params import Params
 from ground.gcs.places import StationEndpoint
 from ground.gcs.request_handlers import HandlersByClient
@@ -42,6 +42,7 @@ AGAIN, MOST_SAID = 5.0, 1000
 """s for which the same words about a vehicle are not repeated; words that are let through in that time"""
 TICK = 0.2
 """s between two looks at who is there"""
+ENDPOINTS: dict[Kind, type[StationEndpoint]] = {"udp": UdpOut, "udpin": UdpIn, "tcp": TcpIn, "serial": Serial}
 
 
 class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,7 +99,7 @@ class Bridge:
         return self.downlink.clients
 
     async def __aenter__(self) -> Bridge:
-        self.endpoints = [self._open(endpoint) for endpoint in self.settings.endpoints]
+        self.endpoints = [ENDPOINTS[endpoint.kind](endpoint, self) for endpoint in self.settings.endpoints]
         self._look()
         try:
             for endpoint in self.endpoints:
@@ -122,13 +123,6 @@ class Bridge:
             answerer.close()
         self._by_client.close()
         self.streams.close()
-
-    def _open(self, endpoint: Endpoint) -> StationEndpoint:
-        if endpoint.kind == "udp":
-            return UdpOut(endpoint, self)
-        if endpoint.kind == "udpin":
-            return UdpIn(endpoint, self)
-        return TcpIn(endpoint, self) if endpoint.kind == "tcp" else Serial(endpoint, self)
 
     # What endpoints tell: on their threads.
 

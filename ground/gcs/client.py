@@ -95,22 +95,15 @@ class Outbox:
 
     def first(self) -> Item | None:
         """What goes next; None: nothing waits."""
-        if self._urgent:
-            return self._urgent[0]
-        for waiting in (self._beats, self._fresh):
-            for item in waiting.values():
-                return item
-        return None
+        return self._urgent[0] if self._urgent else next(iter((self._beats or self._fresh).values()), None)
 
     def pop(self) -> None:
         """Take out what :meth:`first` gave."""
         if self._urgent:
             self._urgent.popleft()
-            return
-        for waiting in (self._beats, self._fresh):
-            for name in waiting:
-                del waiting[name]
-                return
+        else:
+            waiting = self._beats or self._fresh
+            del waiting[next(iter(waiting))]
 
 
 class Client:

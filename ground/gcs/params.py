@@ -99,7 +99,8 @@ class Params(Answerer):
         if not self._ground.is_autopilot(origin.sysid, origin.compid):
             return False
         place = origin.fleet, origin.vehicle
-        if place in self._systems:
+        system = self._systems.get(place)
+        if system is not None and system.sysid == origin.sysid:  # else a radio has heard another vehicle's
             self._on_value(place, data)
         return True
 

@@ -16,6 +16,7 @@ RECENT = 30.0
 """s for which a system that is nobody's autopilot is remembered to be behind a vehicle"""
 SILENT = 1.5
 """s without a frame after which another way to the same autopilot is taken"""
+IDS = frozenset(range(1, 256))
 MOST_TRACKS = 4096
 """systems of vehicles: invented ones must not fill the memory"""
 
@@ -65,6 +66,8 @@ class Routes:
         for vehicle in fleet:
             state = vehicle.last_state
             if state is None or state.sysid is None or not vehicle.present or not self._selected.sees(vehicle.name):
+                continue
+            if not {state.sysid, state.compid or 1} <= IDS:  # no frame could be made in its name
                 continue
             recorded = "a recording, which takes no orders" if state.replayed else None
             words = ", ".join(filter(None, (f"system {state.sysid}", state.kind, state.autopilot, recorded)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 import zenoh
 
@@ -16,14 +16,14 @@ from ground.gcs.client import Client
 from ground.gcs.kinds import Place
 from zmav import keys
 from zmav.mavlink import Dialect, Frame, decode
-from zmav.mavlink.results import CommandResult
 from zmav.vehicle.rates import MAX_HZ, want_key
 
 SET_MESSAGE_INTERVAL = 511
 REQUEST_DATA_STREAM = "REQUEST_DATA_STREAM"
 MOST = 4096
 """messages of vehicles that may be asked for: each costs every router a little memory"""
-LEAST_HZ = 0.01
+COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
+LEAST_HZ, MOST_STREAM_HZ = 0.01, 50.0
 EVERY = ("*",)
 """vehicles, where nobody chose"""
 
@@ -116,9 +116,8 @@ class Streams:
             self._base.clear()
             self._tokens.clear()
 
-    def refresh(self, clients: Iterable[Client]) -> None:
+    def refresh(self, there: Set[Client]) -> None:
         """Want the standard messages while anybody is there, and nothing on behalf of who is not."""
-        there = {client for client in clients if client.present}
         with self._lock:
             if there and not self._base:
                 self._base = [
@@ -135,52 +134,31 @@ class Streams:
             for want, client in left:
                 self._set(want, client, 0.0)
 
-    def takes(self, frame: Frame) -> bool:
-        """It asks for messages at a rate."""
-        return self._stream_of(frame) is not None or self.interval_of(frame) is not None
-
-    def ask(self, client: Client, frame: Frame, place: Place | None) -> int:
-        """Do what the frame asks for, of a vehicle or (None) of all; MAV_RESULT."""
-        interval = self.interval_of(frame)
-        if interval is not None:
-            number, period_us = interval
-            name = self._dialect.name_of(number)
-            hz = 0.0 if period_us <= 0.0 else 1e6 / period_us
-            if number < 0 or number > 0xFFFFFF or hz > MAX_HZ or (hz and hz < LEAST_HZ):
-                return CommandResult.DENIED
-            return CommandResult.ACCEPTED if self._change(client, place, {name: hz}) else CommandResult.DENIED
-        stream = self._stream_of(frame)
-        if stream is None:
-            return CommandResult.DENIED
-        names, hz = stream
-        taken = self._change(client, place, dict.fromkeys(names, min(hz, 50.0)))
-        return CommandResult.ACCEPTED if taken else CommandResult.DENIED
-
-    def interval_of(self, frame: Frame) -> tuple[int, float] | None:
-        """Message id and microseconds of a command that sets an interval; None for any other frame."""
-        if self._dialect.name_of(frame.msgid) not in ("COMMAND_LONG", "COMMAND_INT"):
+    def wish_of(self, frame: Frame) -> Mapping[str, float] | None:
+        """The messages that a frame asks for, with their rates in Hz (0: no more); empty: nothing that can be; None: it
+        asks for none at a rate.
+        """
+        name = self._dialect.name_of(frame.msgid)
+        if name != REQUEST_DATA_STREAM and name not in COMMANDS:
             return None
         fields = decode(frame, self._dialect)
+        if name == REQUEST_DATA_STREAM:
+            hz = min(float(fields["req_message_rate"]), MOST_STREAM_HZ) if fields["start_stop"] else 0.0
+            return dict.fromkeys(STREAMS.get(fields["req_stream_id"], ()), hz)
         if fields["command"] != SET_MESSAGE_INTERVAL:
             return None
-        number, period = fields["param1"], fields["param2"]
-        if not (number == number and abs(number) < 1e9 and period == period):
-            return -1, 0.0
-        return int(number), period
+        number, period_us = fields["param1"], fields["param2"]
+        hz = 0.0 if period_us <= 0.0 else 1e6 / period_us
+        possible = 0.0 <= number <= 0xFFFFFF and (hz == 0.0 or LEAST_HZ <= hz <= MAX_HZ)
+        return {self._dialect.name_of(int(number)): hz} if possible else {}
 
-    def _stream_of(self, frame: Frame) -> tuple[tuple[str, ...], float] | None:
-        if self._dialect.name_of(frame.msgid) != REQUEST_DATA_STREAM:
-            return None
-        fields = decode(frame, self._dialect)
-        hz = float(fields["req_message_rate"]) if fields["start_stop"] else 0.0
-        return STREAMS.get(fields["req_stream_id"], ()), hz
-
-    def _change(self, client: Client, place: Place | None, rates: Mapping[str, float]) -> bool:
+    def ask(self, client: Client, wish: Mapping[str, float], place: Place | None) -> bool:
+        """Want what a client wishes, of a vehicle or (None) of all; False: it is too much."""
         seen = client.options.vehicles if client.options.vehicles != EVERY else self._vehicles
         places = [place] if place is not None else [(self._fleet, vehicle) for vehicle in seen]
         with self._lock:
             for fleet, vehicle in places:
-                for name, hz in rates.items():
+                for name, hz in wish.items():
                     want = (fleet, vehicle, name)
                     if hz and want not in self._asked and len(self._asked) >= MOST:
                         return False

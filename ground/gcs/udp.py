@@ -154,10 +154,8 @@ class UdpIn(_Udp):
 
     def _welcome(self, data: bytes, address: Address) -> Client | None:
         """A client for somebody new, where it speaks MAVLink and there is room."""
-        if not any(frame.verified for frame in Splitter(self._hub.dialect).feed(data)):
-            self.turned_away += 1
-            return None
-        if len(self._clients) >= MOST_CLIENTS:
+        room = len(self._clients) < MOST_CLIENTS
+        if not room or not any(frame.verified for frame in Splitter(self._hub.dialect).feed(data)):
             self.turned_away += 1
             return None
         assert self._sock is not None

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import zenoh
 
@@ -15,7 +15,7 @@ from ground.gcs.client import Client
 from ground.gcs.kinds import HEARTBEAT, Place
 from ground.gcs.places import Hub
 from ground.gcs.routes import Routes
-from ground.gcs.streams import Streams
+from ground.gcs.streams import COMMANDS, Streams
 from zmav import keys, wire
 from zmav.autopilots.safety import makes_safe
 from zmav.errors import Clash, NoSuchVehicle, ZmavError
@@ -29,7 +29,6 @@ BEAT = 0.4
 """s within which a second HEARTBEAT of one component is the same beat, come by another way"""
 AUTOPILOTS = (0, 1)
 """target components by which an autopilot is meant"""
-COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 MOST_SAID = 1000
 
 
@@ -89,8 +88,9 @@ class Uplink:
     def _take(self, client: Client, frame: Frame) -> None:
         name = self._dialect.name_of(frame.msgid)
         system, component = targets(frame, self._dialect)
-        if component in AUTOPILOTS and self._streams.takes(frame):
-            self._ask(client, frame, system)
+        wish = self._streams.wish_of(frame) if component in AUTOPILOTS else None
+        if wish is not None:
+            self._ask(client, frame, system, wish)
             return
         if any(name in answerer.takes and answerer.offer(client, frame) for answerer in self._answerers):
             return
@@ -110,19 +110,19 @@ class Uplink:
                 return
         self.route(client, frame)
 
-    def _ask(self, client: Client, frame: Frame, system: int) -> None:
-        """For messages at a rate."""
+    def _ask(self, client: Client, frame: Frame, system: int, wish: Mapping[str, float]) -> None:
+        """For messages at a rate; a command is answered."""
         try:
             place = self._routes.way_to(system, client.options.sees) if system else None
             if place is not None and not client.options.sees(place[1]):
                 self._refuse(client, "target")
                 return
-            result = CommandResult.DENIED if client.read_only else self._streams.ask(client, frame, place)
+            taken = bool(wish) and not client.read_only and self._streams.ask(client, wish, place)
         except (Clash, NoSuchVehicle) as e:
             self._not_routed(client, system, e)
             return
-        if self._streams.interval_of(frame) is not None:
-            self._bridge.ack(client, frame, result)
+        if self._dialect.name_of(frame.msgid) in COMMANDS:
+            self._bridge.ack(client, frame, CommandResult.ACCEPTED if taken else CommandResult.DENIED)
 
     # To whom.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import parse_qsl
 
 import msgspec
@@ -14,6 +14,7 @@ from zmav.errors import BadInput
 
 CALLER = "as"
 """the query parameter that names the caller: no argument of an order"""
+T = TypeVar("T")
 FORM = "application/x-www-form-urlencoded"
 MOST_FIELDS = 100
 
@@ -45,8 +46,8 @@ def object_of(body: bytes) -> dict[str, Any]:
     return found
 
 
-def seconds_of(values: Mapping[str, str], name: str, default: float, most: float) -> float:
-    """A parameter in seconds, above 0 and at most ``most``; raises :class:`BadInput`."""
+def number_of(values: Mapping[str, str], name: str, default: T, most: float) -> float | T:
+    """A parameter above 0 and at most ``most``; raises :class:`BadInput`."""
     text = values.get(name)
     if text is None:
         return default
@@ -55,7 +56,7 @@ def seconds_of(values: Mapping[str, str], name: str, default: float, most: float
     except ValueError:
         value = -1.0
     if not 0.0 < value <= most:
-        expected = f"seconds above 0, at most {most:g}"
+        expected = f"a number above 0, at most {most:g}"
         raise BadInput(f"{name} {text[:80]!r}: expected {expected}", field=name, value=text[:80], expected=expected)
     return value
 

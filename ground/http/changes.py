@@ -78,7 +78,10 @@ def changed(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any] | N
 def rounded(value: Any, decimals: int = OTHERS) -> Any:
     """Raw JSON decoded, and every figure in it rounded."""
     if isinstance(value, msgspec.Raw):
-        return rounded(msgspec.json.decode(value))
+        try:
+            return rounded(msgspec.json.decode(value))
+        except RecursionError:  # it is nested deeper than anything of ours
+            return {"hex": bytes(value).hex()}
     if isinstance(value, dict):
         return {name: rounded(each, DEGREES if name.endswith("_deg") else OTHERS) for name, each in value.items()}
     if isinstance(value, list):

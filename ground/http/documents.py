@@ -34,10 +34,10 @@ def document_of(key: str, t: float, payload: bytes, encoding: str, dialect: Dial
 
     ``t``: UTC seconds at which it came here. Bytes that should be a frame and are none: ``{"error", "hex"}``.
     """
-    document = {"key": key, "t": t, "value": _value(key, payload, encoding, dialect)}
-    if _channel(key) is keys.STATE:
-        document["alarms"] = _alarms(payload)
-    return document
+    channel = _channel(key)
+    shown = _frame(key, payload, dialect) if channel in (keys.RX, keys.TX) else _value(payload, encoding)
+    alarms = {"alarms": _alarms(payload)} if channel is keys.STATE else {}
+    return {"key": key, "t": t, "value": shown, **alarms}
 
 
 def document_of_sample(sample: zenoh.Sample, t: float, dialect: Dialect) -> dict[str, Any]:
@@ -48,10 +48,12 @@ def document_of_sample(sample: zenoh.Sample, t: float, dialect: Dialect) -> dict
     return document_of(key, t, sample.payload.to_bytes(), str(sample.encoding), dialect)
 
 
-def _value(key: str, payload: bytes, encoding: str, dialect: Dialect) -> Any:
-    if _channel(key) in (keys.RX, keys.TX):
-        shown = readable(key, payload, dialect)
-        return shown.get("message", shown)
+def _frame(key: str, payload: bytes, dialect: Dialect) -> Any:
+    shown = readable(key, payload, dialect)
+    return shown.get("message", shown)
+
+
+def _value(payload: bytes, encoding: str) -> Any:
     if encoding.startswith(("image/", "video/", "audio/")):
         return {"content_type": encoding, "base64": base64.b64encode(payload).decode("ascii")}
     try:

@@ -44,8 +44,8 @@ class Wants:
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._tokens: dict[tuple[str, str, str, float], zenoh.LivelinessToken] = {}
-        self._until: dict[tuple[str, str, str, float], float] = {}
+        self._tokens: dict[tuple[str, str, str, float], tuple[zenoh.LivelinessToken, float]] = {}
+        """and until when they last (monotonic seconds)"""
         self._timer: asyncio.TimerHandle | None = None
 
     def __len__(self) -> int:
@@ -60,15 +60,16 @@ class Wants:
         """
         place = (fleet or self._client.fleet_name, vehicle, message, hz)
         new = place not in self._tokens
-        if new:
+        token = None if new else self._tokens[place][0]
+        if token is None:
             if len(self._tokens) >= MOST_WANTED or not self._is_streamed(message):
                 return False
             try:
                 rx = keys.RX.key(place[0], vehicle, sys="*", comp="*", msg=message)
-                self._tokens[place] = self._client.session.liveliness().declare_token(want_key(rx, hz, "http"))
+                token = self._client.session.liveliness().declare_token(want_key(rx, hz, "http"))
             except BadInput:
                 return False
-        self._until[place] = time.monotonic() + LASTING
+        self._tokens[place] = token, time.monotonic() + LASTING
         if self._timer is None:
             self._sweep()
         return new
@@ -80,16 +81,14 @@ class Wants:
     def close(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        for token in self._tokens.values():
+        for token, _ in self._tokens.values():
             token.undeclare()
         self._tokens.clear()
-        self._until.clear()
 
     def _sweep(self) -> None:
         now = time.monotonic()
-        for place in [place for place in self._tokens if self._until[place] < now]:
-            del self._until[place]
-            self._tokens.pop(place).undeclare()
+        for place in [place for place, (_, until) in self._tokens.items() if until < now]:
+            self._tokens.pop(place)[0].undeclare()
         self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep) if self._tokens else None
 
 

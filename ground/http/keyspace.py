@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from ground.http.arguments import seconds_of
+from ground.http.arguments import number_of
 from ground.http.documents import answer, document_of, names_a_message
 from ground.http.gateway import WANTED_HZ, Gateway
 from ground.http.reply import Failure, body_of, failure_of
@@ -34,7 +34,7 @@ ORDERS = (keys.DO, keys.AGENT_DO)
 def routes(gateway: Gateway) -> list[BaseRoute]:
     async def get_key(request: Request) -> Response:
         """What answers to a key expression: quad1 (its state), quad*/ATTITUDE, quad1/param/RTL_ALT, quad1/link/*."""
-        timeout = seconds_of(request.query_params, "timeout", 2.0, 60.0)
+        timeout = number_of(request.query_params, "timeout", 2.0, 60.0)
         found, status = await look(gateway, request.path_params["key"], timeout)
         return answer(found, status)
 

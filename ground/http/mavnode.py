@@ -18,7 +18,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from ground.http.gateway import Gateway
-from ground.http.reply import Failure
+from ground.http.reply import Failure, one_line
 from ground.http.streams import FrameStreams, Wish
 from zmav import keys, wire
 from zmav.errors import BadInput, BadMessage, Forbidden, Refused, ZmavError
@@ -87,16 +87,13 @@ class MavNode:
         for name in names:
             self._gateway.dialect.message(name)
         wish = Wish(sysid, compid, names, _number(given["hz"], "hz", 0.0, MAX_HZ) if "hz" in given else 0.0)
-        port = int(_number(given["port"], "port", 0, 65535, whole=True)) if "port" in given else None
-        return _text(str(self.streams.start(_asker(request), wish, port).port))
+        return _text(str(self.streams.start(_asker(request), wish, _port(request)).port))
 
     async def stop(self, request: Request) -> Response:
         """End the asker's streams of a system and component (0: of all); the answer says how many there were."""
         _none_other(request, "port")
         sysid, compid = _ids(request)
-        given = request.query_params
-        port = int(_number(given["port"], "port", 0, 65535, whole=True)) if "port" in given else None
-        ended = self.streams.stop(_asker(request), sysid, compid, port)
+        ended = self.streams.stop(_asker(request), sysid, compid, _port(request))
         if not ended:
             there = [f"{s.wish.sysid}/{s.wish.compid} to port {s.port}" for s in self.streams.of(_asker(request))]
             text = f"no stream of {sysid}/{compid} goes to {_asker(request)}; there are {', '.join(there) or 'none'}"
@@ -241,6 +238,11 @@ def _ids(request: Request) -> tuple[int, int]:
     return int(found[0]), int(found[1])
 
 
+def _port(request: Request) -> int | None:
+    text = request.query_params.get("port")
+    return None if text is None else int(_number(text, "port", 0, 65535, whole=True))
+
+
 def _number(text: str, what: str, low: float, high: float, whole: bool = False) -> float:
     """Raises :class:`Failure` for what is no number from ``low`` (rates: above it) to ``high``."""
     try:
@@ -272,14 +274,14 @@ def _shown(value: Any) -> str:
     if value is None:
         return "nan"
     if isinstance(value, str):
-        return value.replace("\n", " ")
+        return one_line(value)
     return f"{value + 0.0:.9g}" if isinstance(value, float) else str(value)
 
 
 def _word(value: Any) -> str:
     if isinstance(value, bool):
         return str(int(value))
-    return "-" if value in (None, "") else str(value).replace(" ", "_")
+    return "-" if value in (None, "") else one_line(str(value)).replace(" ", "_")
 
 
 def _text(*lines: str) -> PlainTextResponse:

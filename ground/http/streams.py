@@ -64,7 +64,7 @@ class FrameStream:
         if wish.messages and origin.message not in wish.messages:
             return
         with self._lock:
-            if not wish.hz or self._is_due(origin):
+            if not wish.hz or self._is_due(origin, 1.0 / wish.hz):
                 self._send(frame)
 
     def unreachable(self, now: float) -> float:
@@ -74,9 +74,8 @@ class FrameStream:
                 self._first_refused = 0.0
             return now - self._first_refused if self._first_refused else 0.0
 
-    def _is_due(self, origin: Origin) -> bool:
-        now, period = time.monotonic(), 1.0 / self.wish.hz
-        due = self._due.get(origin, 0.0)
+    def _is_due(self, origin: Origin, period: float) -> bool:
+        now, due = time.monotonic(), self._due.get(origin, 0.0)
         if now < due:
             return False
         if len(self._due) >= MOST_ORIGINS:

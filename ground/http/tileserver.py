@@ -86,15 +86,12 @@ class TileServer:
 
     def _kept(self, z: int, x: int, y: int) -> tuple[bytes, bool] | None:
         """The tile in the cache, and whether it is fresh."""
-        now, place = time.time(), f"{z}/{x}/{y}"
+        now, place, row = time.time(), f"{z}/{x}/{y}", None
         with self._lock, contextlib.suppress(sqlite3.Error):
             row = self._file.execute("SELECT data, came, used FROM tiles WHERE place=?", (place,)).fetchone()
-            if row is None:
-                return None
-            if abs(now - row[2]) > self.used_s:
+            if row is not None and abs(now - row[2]) > self.used_s:  # which a disk that is full does not take
                 self._file.execute("UPDATE tiles SET used=? WHERE place=?", (now, place))
-            return bytes(row[0]), 0.0 <= now - row[1] < self.fresh_s
-        return None
+        return None if row is None else (bytes(row[0]), 0.0 <= now - row[1] < self.fresh_s)
 
     def _ask(self, z: int, x: int, y: int) -> bytes | None:
         if time.monotonic() < self._down_until:
@@ -129,12 +126,13 @@ class TileServer:
 
     def _make_room(self) -> None:
         oldest = self._file.execute("SELECT place, length(data) FROM tiles ORDER BY used").fetchall()
-        gone = []
+        gone, left = [], self.size
         for place, size in oldest:
-            if self.size <= ROOM * self._most:
+            if left <= ROOM * self._most:
                 break
             gone.append((place,))
-            self.size -= size
-        self._file.execute("BEGIN")
-        self._file.executemany("DELETE FROM tiles WHERE place=?", gone)
-        self._file.execute("COMMIT")
+            left -= size
+        with self._file:  # all of it or nothing: a transaction that stays open would be the last one
+            self._file.execute("BEGIN")
+            self._file.executemany("DELETE FROM tiles WHERE place=?", gone)
+        self.size = left

@@ -23,6 +23,7 @@ import zenoh
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from ground.http.arguments import number_of
 from ground.http.changes import Changes, rounded
 from ground.http.documents import document_of_sample, names_a_message, to_json
 from ground.http.gateway import Gateway
@@ -302,7 +303,7 @@ class Socket:
         given = self._ws.query_params
         for key in given.getlist("key"):
             try:
-                await self._obey(Ask(subscribe=key, hz=_hz_of(given.get("hz"))))
+                await self._obey(Ask(subscribe=key, hz=number_of(given, "hz", None, MAX_HZ)))
             except ZmavError as e:
                 self._say(body_of(failure_of(e)))
 
@@ -443,17 +444,6 @@ def _ask_of(data: str | bytes) -> Ask:
         text = "one of subscribe, unsubscribe, whole and ping is needed"
         raise BadInput(text, field="message", value=str(data[:80]), expected=EXPECTED)
     return ask
-
-
-def _hz_of(text: str | None) -> float | None:
-    try:
-        hz = None if text is None else float(text)
-    except ValueError:
-        hz = 0.0
-    if hz is not None and not 0.0 < hz <= MAX_HZ:
-        expected = f"above 0, at most {MAX_HZ:g}"
-        raise BadInput(f"no rate: {text!r}", field="hz", value=str(text)[:80], expected=expected)
-    return hz
 
 
 def _is_event(key: str) -> bool:

@@ -60,7 +60,7 @@ class Cot:
             north, east, _ = state.velocity
             course = math.degrees(math.atan2(east, north)) % 360.0
             if state.attitude is not None and math.hypot(north, east) < 0.5:
-                course = math.degrees(state.attitude.yaw) % 360.0
+                course = math.degrees(state.attitude.yaw % math.tau)
             ET.SubElement(detail, "track", course=f"{course:.1f}", speed=f"{math.hypot(north, east):.2f}")
         if state.battery is not None and state.battery.remaining is not None:
             ET.SubElement(detail, "status", battery=f"{100.0 * state.battery.remaining:.0f}")

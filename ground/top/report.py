@@ -181,7 +181,7 @@ def _add_state(report: VehicleReport, state: wire.VehicleState, now: float) -> N
         north, east, down = state.velocity
         report.speed, report.climb = math.hypot(north, east), -down
     if state.attitude is not None:
-        report.heading_deg = math.degrees(state.attitude.yaw) % 360.0
+        report.heading_deg = math.degrees(state.attitude.yaw % math.tau)  # degrees of a yaw that cannot be are infinite
     if state.battery is not None:
         report.battery, report.voltage = state.battery.remaining, state.battery.voltage
         report.battery_left = state.battery.time_left

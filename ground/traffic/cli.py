@@ -13,9 +13,26 @@ from zmav.cli.common import Work, connected, console, dump, json_option, seconds
 from zmav.client import Client
 from zmav.errors import BadInput, missing_extra
 from zmav.process import log
+from zmav.traffic import on_earth
 
 if TYPE_CHECKING:
     from ground.traffic.program import TrafficSettings
+
+COLUMNS = {
+    "icao": "icao",
+    "callsign": "callsign",
+    "m AMSL": "alt_amsl",
+    "±": "alt_error",
+    "by": "alt_from",
+    "age s": "age",
+    "nearest": "vehicle",
+    "m away": "distance",
+    "above m": "height",
+    "in s": "time",
+    "then m": "nearest",
+    "source": "source",
+}
+"""of the list, and what stands in each"""
 
 
 @click.command("traffic")
@@ -94,7 +111,7 @@ def parse_at(text: str) -> tuple[float, float]:
         lat, lon = map(float, text.split(","))
     except ValueError:
         lat = lon = float("nan")
-    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0):
+    if not on_earth(lat, lon):
         raise BadInput(f"no place {text!r}", field="at", value=text, expected="LAT,LON in degrees: 50.1,8.7")
     return lat, lon
 
@@ -115,23 +132,9 @@ async def _list(z: Client, seconds: float, as_json: bool) -> None:
         for row in rows:
             click.echo(dump(row))
         return
-    table = Table(
-        "icao", "callsign", "m AMSL", "±", "by", "age s", "nearest", "m away", "above m", "in s", "then m", "source"
-    )
+    table = Table(*COLUMNS)
     for row in rows:
-        cells = (
-            "icao",
-            "callsign",
-            "alt_amsl",
-            "alt_error",
-            "alt_from",
-            "age",
-            "vehicle",
-            "distance",
-            "height",
-            "time",
-        )
-        texts = [row.get(cell) for cell in (*cells, "nearest", "source")]
+        texts = [row.get(name) for name in COLUMNS.values()]
         table.add_row(*("-" if text in (None, "") else str(text) for text in texts))
     console().print(table if rows else "no traffic is told")
 

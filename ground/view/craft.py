@@ -87,8 +87,8 @@ class Setpoints:
         self._path = path
         self._last: dict[str, tuple[wire.Setpoint, float]] = {}
         self._fresh = False
-        self._segment: int | None = None
-        """the sequence number of the one that is drawn"""
+        self._segment: tuple[str, int] | None = None
+        """lease and sequence number of the one that is drawn"""
 
     def on_setpoint(self, agent: str, setpoint: wire.Setpoint, mono: float) -> None:
         if agent in self._last or len(self._last) < MOST_SENDERS:
@@ -144,8 +144,8 @@ class Setpoints:
         if setpoint is None or len(points) < 2:
             canvas.clear(path)
             self._segment = None
-        elif setpoint.seq != self._segment:
-            self._segment = setpoint.seq
+        elif (setpoint.lease, setpoint.seq) != self._segment:
+            self._segment = setpoint.lease, setpoint.seq
             canvas.put(path, rr.LineStrips3D([points], colors=style.SEGMENT, radii=style.points(1.2)))
 
 
@@ -229,9 +229,11 @@ class Craft:
         if self.state is not None:
             self.position = datum.ned(self.state) or self.position
 
-    def forget_trail(self) -> None:
+    def forget_trail(self, canvas: Canvas) -> None:
         self._tail.clear()
         self._trail.clear()
+        for part in ("old", "fresh"):
+            canvas.clear((*self.path, "trail", part))
 
     @property
     def holder(self) -> str | None:
@@ -303,8 +305,7 @@ class Craft:
         last = self._tail[-1] if self._tail else None
         moved = math.inf if last is None else math.dist(last, self.position)
         if last is not None and moved > JUMP:
-            self.forget_trail()
-            canvas.clear((*self.path, "trail", "old"))
+            self.forget_trail(canvas)
         elif moved < STEP:
             return
         self._tail.append(self.position)

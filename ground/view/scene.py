@@ -192,7 +192,7 @@ class Scene:
         else:
             self.say("viewer", "info", f"the fleet's origin, {rank} by {by}: {place}")
         for craft in self.crafts.values():
-            craft.forget_trail()
+            craft.forget_trail(self._canvas)
             craft.place(self.datum)
 
 

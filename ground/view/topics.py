@@ -19,6 +19,8 @@ from ground.view.frames import usable
 from zmav import wire
 from zmav.wire import Vector, swarm
 
+SIDES = 24
+"""of the outline that is drawn of a circle"""
 SAID = 200
 """characters of a topic that are shown in a line of the log"""
 UNDRAWN = ("charge", "order")
@@ -166,9 +168,9 @@ def _prisms(canvas: Canvas, path: Path, found: Shapes, shade: style.Colour) -> N
     return canvas.put((*path, "walls"), rr.Mesh3D(vertex_positions=corners, albedo_factor=shade))
 
 
-def _circle(center: swarm.Corner, radius: float, sides: int = 24) -> list[swarm.Corner]:
+def _circle(center: swarm.Corner, radius: float) -> list[swarm.Corner]:
     """North and east of the corners of a circle's outline."""
-    turns = [2.0 * math.pi * step / sides for step in range(sides)]
+    turns = [2.0 * math.pi * step / SIDES for step in range(SIDES)]
     return [(center[0] + radius * math.cos(turn), center[1] + radius * math.sin(turn)) for turn in turns]
 
 

@@ -10,7 +10,6 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import quote
@@ -32,9 +31,9 @@ def check_extra() -> None:
         raise missing_extra("'zmav view'", "Rerun", "viz")
 
 
-def check_display(environment: Mapping[str, str] = os.environ) -> None:
+def check_display() -> None:
     """Raises :class:`BadConfig` where there is no display for a window."""
-    if not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         text = "there is no display to open a window on: use --web (a page for a browser) or --save FILE.rrd"
         raise BadConfig(text, field="DISPLAY", value=None, expected="a display, --web or --save")
 

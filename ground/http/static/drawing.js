@@ -29,6 +29,8 @@ export class Drawing {
     this.plans = plans;
     this.shapes = new Shapes();
     this.layer = L.layerGroup().addTo(view.map);
+    /** @type {[any, string][]} the names on the map, and whose they are */
+    this.names = [];
     /** @type {number | null} whose corners can be moved */
     this.editing = null;
     /** @type {(() => void) | null} closes the area that is being drawn */
@@ -107,9 +109,20 @@ export class Drawing {
     return this.view.colour({ no_fly: "--keepout", obstacle: "--keepout", geofence: "--fence", search: "--accent" }[kind]);
   }
 
-  refresh() {
+  /** Where the planner keeps clear of one, its own name of it stands there. What is dragged is not drawn anew for that. */
+  draw() {
+    for (const [label, name] of this.names) this.store.obstacles.has(name) ? this.layer.removeLayer(label) : this.layer.addLayer(label);
+  }
+
+  drawShapes() {
     this.layer.clearLayers();
+    this.names = [];
     for (const shape of this.shapes.all) this.drawShape(shape);
+    this.draw();
+  }
+
+  refresh() {
+    this.drawShapes();
     this.list.replaceChildren(...this.shapes.all.map((shape) => this.row(shape)));
     if (!this.shapes.all.length) this.list.append(make("li", "muted", t("draw.none")));
     this.undo.disabled = !this.shapes.past.length;
@@ -124,8 +137,7 @@ export class Drawing {
     const corners = shape.points.map((point) => /** @type {[number, number]} */ ([point.lat, point.lon]));
     const drawn = shape.kind === "obstacle" ? L.circle(corners[0], { ...style, radius: shape.radius }) : L.polygon(corners, style);
     drawn.addTo(this.layer);
-    const name = L.tooltip({ permanent: true, direction: "top", offset: [0, -8], className: "named" }).setLatLng(corners[0]).setContent(make("span", "", shape.name));
-    if (!this.store.obstacles.has(shape.name)) name.addTo(this.layer); // else the planner's own has it
+    this.names.push([L.tooltip({ permanent: true, direction: "top", offset: [0, -8], className: "named" }).setLatLng(corners[0]).setContent(make("span", "", shape.name)), shape.name]);
     drawn.on("click", () => {
       if (this.view.tool) return;
       this.editing = shape.id;
@@ -212,8 +224,7 @@ export class Drawing {
     row.addEventListener("focusin", () => {
       if (this.editing === shape.id) return;
       this.editing = shape.id;
-      this.layer.clearLayers();
-      for (const each of this.shapes.all) this.drawShape(each);
+      this.drawShapes();
     });
     return row;
   }
@@ -250,7 +261,6 @@ export class Drawing {
     if (!origin) return;
     const text = shape.kind === "geofence" ? t("give.fence") : t("give.text");
     if (await confirmed(t("give.title", { kind: KIND_WORD[shape.kind], name: shape.name }), text, t("give.yes"))) await askPlanner("obstacle", { obstacle: obstacleOf(shape, origin) });
-    setTimeout(() => this.refresh(), 1500); // by then the planner says what it keeps clear of
   }
 
   /** @param {Shape} shape */

@@ -9,11 +9,12 @@ export class Events {
   constructor(store) {
     this.store = store;
     this.drawn = 0;
+    this.of = store.events; // others where the recording is played from elsewhere
   }
 
   draw() {
-    if (this.store.eventCount === this.drawn) return;
-    this.drawn = this.store.eventCount;
+    if (this.store.eventCount === this.drawn && this.store.events === this.of) return;
+    [this.drawn, this.of] = [this.store.eventCount, this.store.events];
     say(byId("event-count"), String(this.drawn));
     byId("events").replaceChildren(
       ...this.store.events.map((event) => {

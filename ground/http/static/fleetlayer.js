@@ -24,6 +24,16 @@ const TRAIL_MS = 120000; // of a track
 const GRADE_COLOUR = { good: "--good", fair: "--warn", poor: "--bad", down: "--bad", unknown: "--muted" };
 const SIDES = [[14, -9], [14, 6], [-14, -9], [-14, 6], [0, -30], [0, 16], [18, -24], [-18, -24], [18, 20], [-18, 20]];
 
+/** What a kind of vehicle is drawn by, pointing north. @param {string} kind @param {string} colour */
+export function outlineOf(kind, colour) {
+  const [svg, shape] = [document.createElementNS(SVG, "svg"), document.createElementNS(SVG, "path")];
+  svg.setAttribute("viewBox", "-16 -16 32 32");
+  shape.setAttribute("d", SHAPES[kind] || SHAPES.other);
+  shape.setAttribute("fill", colour);
+  svg.append(shape);
+  return { svg, shape };
+}
+
 export class FleetLayer {
   /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} view */
   constructor(store, view) {
@@ -60,18 +70,14 @@ export class FleetLayer {
 
   /** @param {Vehicle} vehicle @param {Place} place */
   make(vehicle, place) {
-    const svg = document.createElementNS(SVG, "svg");
-    svg.setAttribute("viewBox", "-16 -16 32 32");
+    const { svg, shape } = outlineOf(vehicle.state.kind || "", vehicle.colour);
     const circle = (/** @type {number} */ radius, /** @type {string} */ name) => {
       const made = document.createElementNS(SVG, "circle");
       made.setAttribute("r", String(radius));
       made.setAttribute("class", name);
       return made;
     };
-    const shape = document.createElementNS(SVG, "path");
-    shape.setAttribute("d", SHAPES[vehicle.state.kind || ""] || SHAPES.other);
-    shape.setAttribute("fill", vehicle.colour);
-    svg.append(circle(19, "halo"), circle(15, "ring"), shape);
+    svg.prepend(circle(19, "halo"), circle(15, "ring"));
     const icon = L.divIcon({ className: "craft", html: svg, iconSize: [34, 34] });
     const marker = L.marker([place.lat, place.lon], { icon, keyboard: true, title: vehicle.name, alt: vehicle.name }).addTo(this.map);
     marker.on("click", (/** @type {any} */ event) => this.clicked(vehicle, event));

@@ -57,7 +57,7 @@ export const fleetLayer = new FleetLayer(store, map);
 new Missions(store, map);
 new Replay(store);
 const teams = new Teams(store, map, plans);
-const views = [map, teams, new FleetTable(store), fleetLayer, new TrafficLayer(store, map), plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link, map), new Events(store), new Explorer()];
+const views = [map, teams, new FleetTable(store), fleetLayer, new TrafficLayer(store, map), plans, drawing, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link, map), new Events(store), new Explorer()];
 
 function drawLink() {
   const lost = store.connection === "lost";

@@ -114,7 +114,8 @@ export class FleetMap {
 
   draw() {
     const places = this.placesShown;
-    if (places.length && (!this.fitted || (this.following && !this.holds(places)))) this.fit(places);
+    const held = this.tool || document.body.classList.contains("leaflet-dragging"); // a place is meant where it is now
+    if (places.length && (!this.fitted || (this.following && !held && !this.holds(places)))) this.fit(places);
     if (this.wasNowhere !== this.store.nowhere) {
       this.wasNowhere = this.store.nowhere;
       if (this.fitted) this.fit(places);

@@ -2,6 +2,7 @@
 
 import { confirmed } from "./ask.js";
 import { byId, make, makeButton, toast } from "./dom.js";
+import { postText } from "./orders.js";
 import { address, READ_ONLY } from "./settings.js";
 import { L } from "./vendor.js";
 import { few, t, wordsOf } from "./words.js";
@@ -83,7 +84,7 @@ export class Missions {
     const vehicles = this.store.chosen;
     try {
       const body = await file.text();
-      const plans = await send("mission/read", body);
+      const plans = await postText("mission/read", body);
       this.clear();
       this.draw(plans, this.view.colour("--accent"));
       const what = this.countOf(plans);
@@ -91,7 +92,7 @@ export class Missions {
       if (!vehicles.length) return toast(t("missions.who"), "bad");
       const who = few(vehicles.map((each) => each.name), 8);
       if (!(await confirmed(t("missions.title", { name: file.name, who }), t("missions.text", { what }), t("missions.yes")))) return;
-      const told = await send(`mission/upload?vehicles=${vehicles.map((each) => encodeURIComponent(each.id)).join(",")}`, body);
+      const told = await postText(`mission/upload?vehicles=${vehicles.map((each) => encodeURIComponent(each.id)).join(",")}`, body);
       for (const each of told.vehicles) toast(`${each.vehicle}: ${each.text}`, each.status === "done" ? "good" : "bad", 10000);
     } catch (error) {
       toast(t("missions.failed", { name: file.name, text: wordsOf(error) }), "bad", 15000);
@@ -109,12 +110,4 @@ export function ringsOf(items) {
     at += count;
   }
   return rings;
-}
-
-/** @param {string} path @param {string} body @returns {Promise<any>} */
-async function send(path, body) {
-  const answer = await fetch(address(path), { method: "POST", body });
-  const told = await answer.json();
-  if (!answer.ok) throw new Error(told.error.text);
-  return told;
 }

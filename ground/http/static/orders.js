@@ -14,9 +14,12 @@ const UNDER_WAY = ["running", "returning"]; // how it stands with a vehicle whos
  * @typedef {{status: string, notes: string[], vehicles: Outcome[]}} Ordered
  */
 
-/** The gateway's answer; throws its words where it refuses. @param {string} path @param {any} args @returns {Promise<any>} */
-export async function post(path, args) {
-  const answer = await fetch(address(path), { method: "POST", body: JSON.stringify(args) });
+/** @param {string} path @param {any} args */
+export const post = (path, args) => postText(path, JSON.stringify(args));
+
+/** The gateway's answer; throws its words where it refuses. @param {string} path @param {string} text @returns {Promise<any>} */
+export async function postText(path, text) {
+  const answer = await fetch(address(path), { method: "POST", body: text });
   const body = await answer.json();
   if (!answer.ok) throw new Error(body.error.text);
   return body;

@@ -1,7 +1,7 @@
 // What is known: the one place that the socket writes to and that every view reads. A view changes it by its methods only.
 
 import { hue, keep, kept } from "./dom.js";
-import { metresPerRadian, RADIAN, toGlobal } from "./geo.js";
+import { metresPerRadian, RADIAN, toGlobal, toNed } from "./geo.js";
 import { REPLAY } from "./settings.js";
 import { Vehicle } from "./vehicle.js";
 
@@ -43,6 +43,7 @@ export class Store {
     this.links = [];
     /** @type {Place | null} the fleet's origin; null: none is known */
     this.origin = null;
+    this.originOf = ""; // id of the vehicle that it is known by: it says another where it was started again with one
     /** True where nobody knows a place on earth: then places are metres about nowhere. */
     this.nowhere = true;
     /** @type {"connecting" | "live" | "lost"} */
@@ -81,12 +82,12 @@ export class Store {
       this.vehicles = new Map(all.sort((a, b) => a[0].localeCompare(b[0], "en", { numeric: true })));
       [...this.vehicles.values()].forEach((each, index) => (each.colour = hue(index)));
     }
-    vehicle.take(state, alarms || [], this.placeOf(state));
+    vehicle.take(state, alarms || [], this.placeOf(id, state));
     if (REPLAY) vehicle.clock = () => this.replayAt;
   }
 
-  /** @param {State} state @returns {Place | null} */
-  placeOf(state) {
+  /** @param {string} id @param {State} state @returns {Place | null} */
+  placeOf(id, state) {
     const here = state.position;
     const local = Array.isArray(state.local) && state.local.every(Number.isFinite) ? state.local : null;
     if (here && [here.lat_deg, here.lon_deg, here.alt_rel].every(Number.isFinite)) {
@@ -96,9 +97,12 @@ export class Store {
         this.origin = null;
         for (const vehicle of this.vehicles.values()) vehicle.trail = [];
       }
-      if (local && !this.origin) {
+      if (local && (!this.origin || this.originOf === id)) {
         const m = metresPerRadian(toGlobal(place, -local[0], -local[1]).lat); // at the origin's latitude, as in zmav/geo.py
-        this.origin = { lat: place.lat - local[0] / m.north / RADIAN, lon: place.lon - local[1] / m.east / RADIAN };
+        const origin = { lat: place.lat - local[0] / m.north / RADIAN, lon: place.lon - local[1] / m.east / RADIAN };
+        // Place and local are not of one moment: what is off by a second's way is the same origin.
+        const off = this.origin ? Math.hypot(...toNed(this.origin, origin)) : Infinity;
+        if (!(off <= 5 + Math.hypot(...(Array.isArray(state.velocity) ? state.velocity : [])))) [this.origin, this.originOf] = [origin, id];
       }
       return place;
     }
@@ -200,6 +204,7 @@ export class Store {
   forget() {
     for (const vehicle of this.vehicles.values()) vehicle.trail = [];
     this.events = [];
+    this.eventCount = 0;
     this.book = null;
     this.plans.clear();
     this.obstacles.clear();

@@ -1,14 +1,12 @@
 // Aircraft that are not of the fleet: on the map where they are by now, and in a list, the nearest first.
 
 import { byId, make, say } from "./dom.js";
+import { outlineOf } from "./fleetlayer.js";
 import { toGlobal } from "./geo.js";
 import { L } from "./vendor.js";
 import { fixed, t } from "./words.js";
 
 /** @typedef {import("./types.js").Aircraft} Aircraft */
-
-const SVG = "http://www.w3.org/2000/svg";
-const SHAPE = "M0-12 2-4 12 2V5L2 3 1 8 5 10V12L0 11-5 12V10L-1 8-2 3-12 5V2L-2-4Z";
 
 export class TrafficLayer {
   /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} view */
@@ -48,12 +46,7 @@ export class TrafficLayer {
 
   /** @param {Aircraft} each @param {number} lat @param {number} lon */
   make(each, lat, lon) {
-    const svg = document.createElementNS(SVG, "svg");
-    svg.setAttribute("viewBox", "-16 -16 32 32");
-    const shape = document.createElementNS(SVG, "path");
-    shape.setAttribute("d", SHAPE);
-    shape.setAttribute("fill", this.view.colour("--keepout"));
-    svg.append(shape);
+    const { svg } = outlineOf("plane", this.view.colour("--keepout"));
     const icon = L.divIcon({ className: "craft aircraft", html: svg, iconSize: [34, 34] });
     const marker = L.marker([lat, lon], { icon, interactive: false, alt: nameOf(each) }).addTo(this.view.map);
     marker.bindTooltip("", { permanent: true, direction: "right", offset: [14, 0], className: "named" });

@@ -329,6 +329,20 @@ async def test_a_vehicles_refusal_reaches_the_station_as_its_words(scene: Scene)
     await scene.heard("quad1: frame on")
 
 
+async def test_a_vehicle_whose_system_id_is_none_spoils_nobody_elses_words(scene: Scene) -> None:
+    odd, one = scene.craft("odd", 3), scene.craft("quad1", 1)
+    bridge = await scene.bridge()
+    station = await scene.tcp(bridge)
+    await scene.net.linked(scene.router, keys.EVENT.key("demo", "*"))
+    odd.sysid = 300
+    odd.publish_state()
+    await until(lambda: 3 not in bridge.routes.systems, "its new state")
+    odd.event("refused", "warning", "odd words")
+    one.event("refused", "warning", "good words")
+    await station.until(lambda: "good words" in station.texts(), "the words of the other")
+    assert set(bridge.routes.systems) == {1}
+
+
 async def test_garbage_is_counted_and_harmless(scene: Scene) -> None:
     one = scene.craft("quad1", 1)
     bridge = await scene.bridge()

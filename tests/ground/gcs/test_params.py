@@ -15,7 +15,7 @@ from ground.gcs.param_copy import read_value
 from tests.ground.gcs.fleet import Caller, Fleet
 from tests.waiting import wait_until
 from zmav import keys
-from zmav.mavlink import Frame
+from zmav.mavlink import Frame, encode
 from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
 from zmav.mavlink.packed_params import PATH
 from zmav.mavlink.paramvalue import type_name
@@ -187,6 +187,19 @@ def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> No
     fleet.run(fleet.vehicle(ARDUPILOT).params.refresh())
     gcs.wait(lambda: fleet.bridge.downlink.counters.withheld > withheld + 1000, "a flood")
     gcs.silent_about("PARAM_VALUE", ARDUPILOT)
+
+
+def test_what_a_vehicle_hears_of_another_is_not_taken_for_its_own(fleet: Fleet, gcs: Caller) -> None:
+    """Both radios hear both autopilots: the other's parameters come over this vehicle's agent, too."""
+    about: dict[str, Any] = {"param_id": "WPNAV_SPEED", "param_index": -1}
+    before = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", **about)["param_value"]
+    withheld = fleet.bridge.downlink.counters.withheld
+    fields = {"param_id": "WPNAV_SPEED", "param_value": before + 1.0, "param_type": REAL32, "param_count": 1}
+    other = encode(fleet.z.dialect, "PARAM_VALUE", {**fields, "param_index": 0xFFFF}, sysid=PX4, compid=1, seq=0)
+    fleet.z.session.put(keys.RX.key("demo", "v1", sys=PX4, comp=1, msg="PARAM_VALUE"), other)
+    gcs.wait(lambda: fleet.bridge.downlink.counters.withheld > withheld, "the other's parameter")
+    gcs.silent_about("PARAM_VALUE", ARDUPILOT)
+    assert gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", **about)["param_value"] == before
 
 
 def test_a_set_that_is_still_being_read_comes_as_it_is_read(

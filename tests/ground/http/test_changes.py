@@ -100,8 +100,9 @@ def test_a_garbled_state_goes_as_it_came(served: Served) -> None:
         json.loads(client.recv(PATIENCE_S))
         key = keys.STATE.key("demo", "wreck")
         served.linked(key)
-        wanted: list[Any] = [[1], 7, None, {"a": 1}, {"hex": "7b"}]
-        for payload, value in zip((b"[1]", b"7", b"null", b'{"a": 1}', b"{"), wanted, strict=True):
+        deep = b"[" * 700 + b"]" * 700
+        wanted: list[Any] = [[1], 7, None, {"a": 1}, {"hex": "7b"}, {"hex": deep.hex()}, 8]
+        for payload, value in zip((b"[1]", b"7", b"null", b'{"a": 1}', b"{", deep, b"8"), wanted, strict=True):
             served.session.put(key, payload)
             found = json.loads(client.recv(PATIENCE_S))
             assert found.get("changes", found).get("value") == value

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
+from ground.feed import Origin
 from ground.http.reply import Failure
-from ground.http.streams import MOST, FrameStreams, Wish
+from ground.http.streams import MOST, FrameStream, FrameStreams, Wish
+from tests.waiting import wait_until
 from zmav import keys, wire
 from zmav.mavlink import decode, load_dialect, parse_frame
 
@@ -45,6 +47,24 @@ def test_vehicles_are_a_line_each(served: Served) -> None:
     assert reply.status == 200
     assert reply.headers["content-type"].startswith("text/plain")
     assert reply.text.splitlines() == ["quad1 1 1 ardupilot copter GUIDED 0", "quad2 2 1 ardupilot copter GUIDED 0"]
+
+
+def test_what_a_vehicle_says_makes_no_line_of_its_own(serve: Serve) -> None:
+    served = serve()
+    served.vehicle("quad1")
+    about: dict[str, Any] = {
+        "t": time.time(),
+        "fleet": "demo",
+        "name": "quad1",
+        "instance": "quad11",
+        "connected": True,
+    }
+    evil = "LOITER\nquad9 9 1 ardupilot copter\x0bGUIDED 1"
+    served.session.put(keys.STATE.key("demo", "quad1"), wire.encode(wire.VehicleState(sysid=1, mode=evil, **about)))
+    wait_until(lambda: "LOITER" in served.get("/vehicles").text, "the mode")
+    assert len(served.get("/vehicles").text.splitlines()) == 1
+    served.hear("STATUSTEXT", severity=6, text="one\rage 0\x0btwo", id=0, chunk_seq=0)
+    assert "text one age 0 two" in served.get("/last/1/1/STATUSTEXT").text.splitlines()
 
 
 def test_the_last_message_as_text(served: Served) -> None:
@@ -279,6 +299,23 @@ def test_a_rate_cap_leaves_out_what_comes_too_soon(served: Served, ear: socket.s
     last = served.hear("SYSTEM_TIME", time_unix_usec=1, time_boot_ms=2)
     assert [ear.recv(2048), ear.recv(2048)] == [frames[0], last]
     served.get("/stop/1/1", port=port)
+
+
+def test_a_stream_that_is_wished_without_a_rate_meanwhile_takes_the_frame(ear: socket.socket) -> None:
+    stream = FrameStream(Wish(1, 0, ("ATTITUDE",), hz=5.0), *ear.getsockname())
+
+    class Asked(str):
+        """A name that is looked at just when the stream is asked for again, on another thread."""
+
+        __hash__ = str.__hash__
+
+        def __eq__(self, other: object) -> bool:
+            stream.wish = Wish(1, 0)
+            return super().__eq__(other)
+
+    stream.on_frame(Origin("demo", "quad1", 1, 1, Asked("ATTITUDE"), "key"), b"frame")
+    assert ear.recv(100) == b"frame"
+    stream.close()
 
 
 def test_a_stream_that_nobody_receives_ends(serve: Serve) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import hashlib
 import json
 import re
+import time
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,11 +36,13 @@ def at(north: float, east: float, **more: Any) -> dict[str, Any]:
 
 
 async def opened(tab: Tab, served: Served, *names: str) -> None:
+    """The page, once it has heard what the vehicles are now: the gateway knows what they were in the test before."""
+    now = time.time()
     await tab.open(f"http://127.0.0.1:{served.port}/")
     await pieces(tab)
     await tab.size(1400, 900)
     for name in names or ("quad1", "quad2"):
-        await tab.until(f"{row(name)} !== null")
+        await tab.until(f"{row(name)} !== null && store.named('{name}').state.t > {now}")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
     await tab.until("map.fitted")
     await tab.run("localStorage.clear(); drawing.shapes.all = []; drawing.refresh(); store.groups = {}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -194,4 +195,86 @@ async def test_a_vehicle_s_name_keeps_off_those_of_areas(tab: Tab, served: Serve
     await asyncio.sleep(0.6)  # drawn five times a second
     a, b = await tab.run(f"[{box}({own}), {box}(document.querySelector('.leaflet-tooltip.named'))]")
     assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_the_map_stands_still_under_a_tool_and_under_what_is_dragged(
+    tab: Tab, served: Served, fleet: Fleet
+) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    await tab.run("map.follow(true); drawing.editing = drawing.shapes.add('obstacle', map.placesShown.slice(0, 1)).id")
+    await tab.run("drawing.refresh()")
+    view = "`${map.map.getCenter()} ${map.map.getZoom()}`"
+    before = await tab.run(view)
+    await tab.click("#measure")
+    fleet.more["quad2"] = at(0, 3000)
+    await tab.until("!map.holds(map.placesShown)")
+    await asyncio.sleep(0.5)  # drawn five times a second
+    assert await tab.run(view) == before, "what is clicked next is where it was"
+    await tab.key("Escape")
+    await tab.until("map.holds(map.placesShown)")
+    there = await on_map(tab, "quad1")
+    await tab.mouse("mouseMoved", *there)
+    await tab.mouse("mousePressed", *there, held=True)
+    await tab.mouse("mouseMoved", there[0] + 30, there[1], held=True)
+    before = await tab.run(view)
+    fleet.more["quad2"] = at(3000, 30000)
+    await tab.until("!map.holds(map.placesShown)")
+    await asyncio.sleep(0.5)  # drawn five times a second
+    assert await tab.run(view) == before
+    await tab.mouse("mouseReleased", there[0] + 30, there[1])
+    await tab.until("map.holds(map.placesShown)")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_places_are_about_the_origin_that_the_fleet_was_started_again_with(
+    tab: Tab, served: Served, fleet: Fleet
+) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    about = "store.origin && toNed(store.origin, store.named('quad1').place)"
+    await tab.until(f"Math.hypot(...{about}) < 1")
+    of = await tab.run("store.originOf?.split('/')[1] ?? 'quad1'")
+    other = {"quad1": "quad2", "quad2": "quad1"}[of]
+    east = {"quad1": 0, "quad2": 40}
+    fleet.more[other] = at(0, east[other], local=(700.0, 0.0, -10.0))
+    await tab.until(f"store.named('{other}').state.local[0] === 700")
+    assert await tab.run(f"Math.hypot(...{about}) < 1"), "one vehicle that has another origin moves nobody's"
+    fleet.more[of] = at(0, east[of], local=(700.0, float(east[of]), -10.0))
+    await tab.until(f"Math.abs(({about})[0] - 700) < 1")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_an_area_that_was_just_given_is_dragged_to_the_end(
+    tab: Tab, served: Served, fleet: Fleet, planner: FakePlanner
+) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    await tab.until("store.planner && store.origin")
+    corners = "[[5, 5], [5, 30], [-15, 30]].map(([n, e]) => toGlobal(store.named('quad1').place, n, e))"
+    await tab.run(
+        f"showTab('drawing'); drawing.editing = drawing.shapes.add('no_fly', {corners}).id; drawing.refresh()"
+    )
+    press = "[...document.querySelectorAll('.shapes button')].find((each) => each.textContent.startsWith('Give'))"
+    await tab.run(f"{press}.click()")
+    await tab.agree()
+    await tab.until(f"{TOASTS}.includes('planner: obstacle')")
+    start, end = await on_map(tab, "quad1", -15, 30), await on_map(tab, "quad1", -25, 30)
+    await tab.mouse("mouseMoved", *start)
+    await tab.mouse("mousePressed", *start, held=True)
+    await tab.mouse("mouseMoved", start[0], (start[1] + end[1]) / 2, held=True)
+    served.session.put(keys.OBSTACLE.key("demo", name="nofly1"), json.dumps(planner.asked[-1][1]["obstacle"]))
+    named = "[...document.querySelectorAll('.named')].filter((each) => each.textContent === 'nofly1').length"
+    await tab.until("plans.shapes.getLayers().length === 1")
+    await asyncio.sleep(1.8)  # the planner has said by now what it keeps clear of
+    assert await tab.run(named) == 1, "its name stands there once"
+    await tab.mouse("mouseMoved", *end, held=True)
+    await tab.mouse("mouseReleased", *end)
+    north = await tab.run("toNed(store.named('quad1').place, drawing.shapes.all[0].points[2])[0]")
+    assert north == pytest.approx(-25, abs=1)
+    served.session.put(keys.OBSTACLE.key("demo", name="nofly1"), b'{"name": "nofly1", "t": 1.0, "what": null}')
     assert not tab.said

@@ -186,6 +186,8 @@ async def test_a_recording_has_a_timeline_and_its_mark_and_no_buttons(tab: Tab, 
         await tab.click("#replay button")
         await tab.until("document.querySelector('#replay button').textContent === 'Play'")
         assert player.playing.paused
+        await tab.run("store.takeEvent('quad9', {t: 1, severity: 'info', text: 'of later'})")
+        await tab.until("document.getElementById('events').textContent.includes('of later')")
         await tab.run("document.getElementById('replay-time').focus()")
         deadline = time.monotonic() + 30.0
         while abs(player.playing.at - BEGIN - 40.1) > 0.05 and time.monotonic() < deadline:
@@ -194,6 +196,7 @@ async def test_a_recording_has_a_timeline_and_its_mark_and_no_buttons(tab: Tab, 
             await tab.key("ArrowRight")  # a person's step from there
             time.sleep(0.5)
         assert player.playing.at == pytest.approx(BEGIN + 40.1, abs=0.05)
+        await tab.until("!document.getElementById('events').textContent.includes('of later')")
         await tab.until("Math.abs(store.all[0].height - 40) < 0.5")
         time.sleep(2.5)
         assert not await tab.run("store.all[0].stale"), "who stands still in a paused recording is not lost"

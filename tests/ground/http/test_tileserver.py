@@ -97,6 +97,40 @@ async def test_the_cache_is_bounded_and_keeps_what_was_used_last(server: Server,
     again.close()
 
 
+def refuse(tiles: TileServer, what: str) -> None:
+    """As a disk that is full: nothing can be written."""
+    with contextlib.closing(sqlite3.connect(tiles.path)) as file:
+        file.execute(f"CREATE TRIGGER full BEFORE {what} ON tiles BEGIN SELECT RAISE(ABORT, 'full'); END")
+
+
+def allow(tiles: TileServer) -> None:
+    with contextlib.closing(sqlite3.connect(tiles.path)) as file:
+        file.execute("DROP TRIGGER full")
+
+
+async def test_a_tile_that_is_kept_is_served_where_nothing_can_be_written(server: Server, tmp_path: Path) -> None:
+    tiles = TileServer(server.url, tmp_path, PLENTY)
+    first = await tiles.fetch(3, 1, 2)
+    tiles.used_s = 0.0
+    refuse(tiles, "UPDATE")
+    server.close()
+    assert await tiles.fetch(3, 1, 2) == first is not None
+    tiles.close()
+
+
+async def test_the_cache_is_bounded_again_once_there_is_room_to_write(server: Server, tmp_path: Path) -> None:
+    tiles = TileServer(server.url, tmp_path, 20_000)
+    await tiles.fetch(9, 0, 0)
+    refuse(tiles, "DELETE")
+    for n in range(30):
+        assert await tiles.fetch(9, n, 0) is not None
+    allow(tiles)
+    for n in range(30, 34):
+        await tiles.fetch(9, n, 0)
+    assert tiles.size == total(tiles) <= 20_000
+    tiles.close()
+
+
 async def test_an_old_tile_is_asked_for_again_and_served_until_there_is_a_new_one(
     server: Server, tmp_path: Path
 ) -> None:

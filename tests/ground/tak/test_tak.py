@@ -95,6 +95,8 @@ def test_a_vehicle_that_stands_looks_where_it_looks_and_one_without_a_place_is_n
     track = read(Cot("demo", None).vehicle(still, NOW, 10.0)).find("detail/track")
     assert track is not None
     assert track.get("course") == "270.0"
+    wrong = state(velocity=(0.0, 0.0, 0.0), attitude=wire.Attitude(roll=0.0, pitch=0.0, yaw=1e308))
+    assert "nan" not in str(Cot("demo", None).vehicle(wrong, NOW, 10.0))
     assert Cot("demo", None).vehicle(state(position=None), NOW, 10.0) is None
 
 

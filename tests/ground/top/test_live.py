@@ -165,7 +165,7 @@ def test_once_as_json_tells_what_there_is(voice: Voice) -> None:
 
 def test_two_of_one_system_id_clash_and_junk_spoils_nothing(voice: Voice) -> None:
     voice.state("quad1", mode="\x1b[2J", sysid=3)
-    voice.state("quad2", sysid=3)
+    voice.state("quad2", sysid=3, attitude=wire.Attitude(roll=0.0, pitch=0.0, yaw=1e308))
     for key in (
         keys.STATE.key("demo", "quad3"),
         keys.LINK.key("demo", "quad1", link="autopilot"),

@@ -7,18 +7,19 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncIterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner
 
+from ground.air import Listener
 from ground.traffic.cli import command
 from ground.traffic.feeds import BeastReader, Feed, SbsReader, parse_feed
 from ground.traffic.program import SILENT_S
 from tests.ground.traffic.conftest import ORIGIN
 from tests.sbs import MadeUp, SbsSource, line
 from tests.waiting import until
-from zmav import geo
+from zmav import geo, keys, wire
 from zmav.errors import BadConfig, BadInput, BadUrl
 from zmav.traffic import CURRENT_S, FORGET_S, MOST_TOLD, MOST_TRACKS, Tracks
 
@@ -257,3 +258,31 @@ async def test_what_is_told_is_listed(sky: Sky) -> None:
     assert (row["callsign"], row["source"], row["alt_from"], row["vehicle"]) == ("DEABC", "gs", "pressure", None)
     assert "DEABC" in table.stdout
     assert abs(time.time() - sky.reports[-1].t) < 60.0
+
+
+async def test_a_vehicle_that_says_what_cannot_be_spoils_no_list(sky: Sky) -> None:
+    here = {"lat_deg": ORIGIN.lat_deg, "lon_deg": ORIGIN.lon_deg, "alt_amsl": ORIGIN.alt_amsl, "alt_rel": 0.0}
+    nowhere = [{"lat_deg": 1e308}, {"lat_deg": 1e300}, {"lon_deg": 1e300}, {"alt_amsl": -1e300}]
+    places = [wire.GlobalPosition(**here | wrong) for wrong in (*nowhere, {})]
+    about: dict[str, Any] = {
+        "fleet": "demo",
+        "instance": "1",
+        "connected": True,
+        "sysid": 1,
+        "compid": 1,
+        "velocity": (1e200, 0.0, 0.0),
+    }
+    async with (
+        SbsSource(ORIGIN, [NEAR]) as source,
+        sky.program(feed_of(source)),
+        sky.client() as z,
+        contextlib.AsyncExitStack() as stack,
+    ):
+        stack.enter_context(listener := Listener(z))
+        for number, place in enumerate(places):
+            state = wire.VehicleState(t=time.time(), name=f"quad{number}", position=place, **about)
+            z.session.put(keys.STATE.key("demo", state.name), wire.encode(state))
+        await until(lambda: len(z.fleet()) == len(places), "all vehicles")
+        await until(lambda: listener.picture.aircraft(time.monotonic()), "an aircraft")
+        (row,) = listener.rows()
+        assert (row["vehicle"], row["distance"]) == ("quad4", pytest.approx(2000, abs=300))

@@ -126,6 +126,30 @@ def test_a_segment_is_drawn_whole_and_followed_by_its_times(paint: Make, state: 
     assert "Clear:is_recursive" in rows[f"{BODY}/segment"][-1].values
 
 
+def test_the_next_holders_segment_takes_the_place_of_the_last_ones_though_both_are_its_first(
+    paint: Make, state: Make
+) -> None:
+    painted = paint()
+    for who, east in (("one", 0.0), ("two", 50.0)):
+        points = [wire.SegmentPoint(t=T0 + t, pos=(10.0 * t, east, -5.0)) for t in (0.0, 9.0)]
+        painted.step(
+            ("state", Q1, state(lease=wire.LeaseInfo(holder=who, expires=T0 + 9.0))),
+            ("setpoint", (*Q1, who), wire.Setpoint(lease=who, seq=1, deadline=0, segment=points)),
+        )
+    segment = painted.rows()[f"{BODY}/segment"][-1].values["LineStrips3D:strips"][0]
+    assert [place[1] for place in segment] == [50.0, 50.0]
+
+
+def test_about_another_origin_nothing_is_left_of_the_trail_about_the_one_before(paint: Make, state: Make) -> None:
+    painted = paint()
+    for i in range(40):
+        painted.step(("state", Q1, state(local=None, position=global_of((float(i), 0.0, -5.0)))))
+    painted.step(("fleet", ("demo", "origin"), wire.Origin(lat_deg=52.7, lon_deg=-1.2, alt_amsl=60.0)))
+    rows = painted.rows()
+    for part in ("old", "fresh"):
+        assert "Clear:is_recursive" in rows[f"{BODY}/trail/{part}"][-1].values, part
+
+
 def test_the_trail_is_bounded_and_stays_when_the_vehicle_falls_silent(paint: Make, state: Make) -> None:
     painted = paint()
     for i in range(600):
