@@ -106,8 +106,8 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
         {JSON: OBJECT, FORM: OBJECT},
     ),
     ("post", "/fleet/{verb}"): (
-        "vehicles (a list of names or patterns; all without), id and wait, and the order's arguments",
-        {JSON: OBJECT},
+        "vehicles (a list of names or patterns; * is all), id and wait, and the order's arguments",
+        {JSON: {**OBJECT, "required": ["vehicles"]}},
     ),
     ("post", "/swarm/{verb}"): (
         "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle; of a "

@@ -52,8 +52,8 @@ class FleetOrders:
             operation.task.cancel()
 
     async def give(self, request: Request) -> Response:
-        """Give several vehicles an order; vehicles: names or patterns, quad* or demo/quad1. Answers as orders do, with
-        how it stands with each vehicle.
+        """Give several vehicles an order; vehicles: names or patterns, quad* or demo/quad1, * for all. Answers as orders
+        do, with how it stands with each vehicle.
 
         Several that return are brought home by the planner, where there is one; who is disarmed is left out. With an
         id the order is given once, however often it comes.
@@ -61,7 +61,7 @@ class FleetOrders:
         verb = _known(request.path_params["verb"])
         values = await arguments_of(request, VERBS[verb].args)
         payload = msgspec.json.encode(values, order="sorted")
-        patterns = values.pop("vehicles", ["*"])
+        patterns = values.pop("vehicles", [])
         args = wire.build(values, VERBS[verb].args, f"fleet/{verb}")
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
@@ -86,8 +86,8 @@ def matching(client: Client, patterns: Any) -> tuple[list[Vehicle], list[str]]:
     :class:`NoSuchVehicle` where all fit nobody.
     """
     patterns = [patterns] if isinstance(patterns, str) else patterns
-    if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
-        text = "vehicles are a list of names or patterns"
+    if not patterns or not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
+        text = "vehicles are a list of names or patterns, and * means all of them"
         raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
     known, patterns = client.fleet(), patterns[:1000]
     found = [v for v in known for each in patterns if _fits(v, each)]

@@ -219,7 +219,8 @@ def test_an_order_to_all_says_of_each_how_it_stands(airborne: Scene) -> None:
         ("/fleet/rtll", {}, "no order"),
         ("/fleet/hold", {"vehicles": ["x*"]}, "no vehicle matches x*"),
         ("/fleet/hold", {"vehicles": 7}, "a list of names"),
-        ("/fleet/takeoff", {}, "alt_rel"),
+        ("/fleet/hold", {}, "a list of names"),
+        ("/fleet/takeoff", {"vehicles": ["*"]}, "alt_rel"),
     ):
         refused = served.post(path, body)
         assert refused.status in (400, 404) and words in refused.text
