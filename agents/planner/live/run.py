@@ -98,6 +98,7 @@ class Run:
         if self.stopping:
             return
         self.stopping = why or "stopped"
+        self._goes.set()  # a new plan that waits for the end of a pause is not made any more
         if self.flying is not None:
             self.flying.stop(self.stopping)
         else:
@@ -110,7 +111,8 @@ class Run:
             self.stop("; ".join(low.values()))
 
     def pause(self) -> None:
-        self._goes.clear()
+        if not self.stopping:
+            self._goes.clear()
         if self.flying is not None:
             self.flying.pause()
 
