@@ -131,14 +131,16 @@ class Solver:
         while True:
             done = self._number
             try:
-                code = await self._run()
+                how = f"ended with {await self._run()}"
+            except OSError as e:  # no memory or no handles for it just now
+                how = f"cannot be started ({e})"
             finally:
                 self._ready.clear()
             died = 0 if self._number > done else died + 1
             if self._job is not None and not self._job.done():
-                self._job.set_exception(SolverDied(f"the {self._name} ended with {code} in the middle of its work"))
+                self._job.set_exception(SolverDied(f"the {self._name} {how} in the middle of its work"))
             wait = AGAIN[min(died, len(AGAIN) - 1)]
-            self._say(f"the {self._name} ended with {code}; it is started again in {wait:g} s")
+            self._say(f"the {self._name} {how}; it is started again in {wait:g} s")
             await asyncio.sleep(wait)
 
     async def _run(self) -> int:
