@@ -16,7 +16,7 @@ from agents.planner.live.frames import ned
 from agents.planner.live.leadership.election import BEAT, HEARTBEAT
 from agents.planner.model.problem import Motion
 from zmav import keys, wire
-from zmav.errors import BadKey
+from zmav.errors import BadInput, BadKey
 from zmav.waiting import within
 from zmav.wire import swarm
 
@@ -136,6 +136,8 @@ class StatusPublisher:
     ) -> None:
         try:
             self._context.z.put(channel, key, payload, publisher=publisher)
+        except BadInput as e:  # more than one message holds: who is in charge goes on saying the rest
+            self._context.say_seldom("fault", "error", e.message)
         except (zenoh.ZError, BadKey):
             return
 
