@@ -208,8 +208,7 @@ class Executor:
                     return self._ended(reason, flight, conductor, begun, replans)
                 flight, replans = again, replans + 1
         finally:
-            await asyncio.shield(self._settle())
-            self._conductor = None
+            await self._settled()
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Tell what its source has for as long as it ``goes()``; gives why everybody was brought to rest, if so."""
@@ -220,8 +219,7 @@ class Executor:
                 await asyncio.sleep(TICK)
             return conductor.halting
         finally:
-            await asyncio.shield(self._settle())
-            self._conductor = None
+            await self._settled()
 
     # Before.
 
@@ -417,13 +415,23 @@ class Executor:
             found[name] = float("inf") if place is None else float(np.linalg.norm(place - motion[-1, 1:4]))
         return found
 
-    async def _settle(self) -> None:
-        """Whatever ended us: nobody's lease is given back while it moves, for a vehicle whose lease ends stops at once,
-        and not along its way.
+    async def _settled(self) -> None:
+        """Whatever ended us, and however often: nobody's lease is given back while it moves, for a vehicle whose lease
+        ends stops at once, and not along its way.
         """
-        conductor = self._conductor
-        if conductor is None:
+        if self._conductor is None:
             return
+        cancelled, settling = None, asyncio.ensure_future(self._settle(self._conductor))
+        while not settling.done():
+            try:
+                await asyncio.shield(settling)
+            except asyncio.CancelledError as e:
+                cancelled = e
+        self._conductor = None
+        if cancelled is not None:
+            raise cancelled
+
+    async def _settle(self, conductor: Conductor) -> None:
         conductor.halt("the execution has ended")
         with contextlib.suppress(ZmavError):
             while conductor.phase(self.clock.now()) == "flying":
