@@ -76,14 +76,12 @@ class Executor:
         clock: Clock | None = None,
         offsets: Mapping[str, Offset] | None = None,
         followings: Mapping[str, Following] | None = None,
-        patience: float = PATIENCE,
         taking: float = 0.0,
         waits: Callable[[str], None] = lambda text: None,
         homes: Homes | None = None,
     ) -> None:
         self.clock, known = clock or Clock(), offsets or {}
-        self._patience, self._hurry = patience, False
-        self._taking, self._waits = taking, waits
+        self._taking, self._waits, self._hurry = taking, waits, False
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
         self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
@@ -178,15 +176,15 @@ class Executor:
                 conductor.halt(f"{who} is about to cross the way of {part.id}", vehicle=part.id, mover=who)
 
     def obstructed(self, clear: Callable[[Floats, Floats, float], bool], why: str) -> None:
-        """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Who has something in its way
-        stops before it, as far as it can, and a new plan is made.
+        """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Where something is in
+        anybody's way all come to rest as soon as they can, and a new plan is made.
         """
         if (conductor := self._conductor) is None:
             return
         now = self.clock.now()
         for part in conductor.parts:
-            if (moment := part.first_hit(now, clear)) is not None:
-                conductor.hinder(part, moment - 0.5, f"{why} in the way of {part.id}")
+            if not part.is_clear(now, clear):
+                conductor.halt(f"{why} in the way of {part.id}", vehicle=part.id)
 
     async def run(self, flight: Flight) -> Outcome:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
@@ -349,7 +347,7 @@ class Executor:
         """Everybody rests, and for a while those who are not heard are waited for, or who were moved aside: these are
         taken along from where they hold then, and their places given.
         """
-        until, said = self.clock.now() + self._patience, False
+        until, said = self.clock.now() + PATIENCE, False
         while True:
             flying = self._look(conductor) == "flying"
             strays = [part for part in conductor.parts if part.strays and not self.commands[part.id].taken]
@@ -394,11 +392,10 @@ class Executor:
             if farthest < nearest - NEARER:
                 nearest, begun = farthest, now
             heard = all(part.heard > begun + SETTLE for part in late)
-            if (heard and now > begun + SETTLE) or now > ended + SETTLE + self._patience:
+            if (heard and now > begun + SETTLE) or now > ended + SETTLE + PATIENCE:
                 text = f"not at the goal {now - ended:.0f} s after the end"
                 for part in late:
-                    part.strays = part.strays or not part.off
-                    conductor.gone(part, text, None)
+                    conductor.gone(part, text, strays=True)
                 return f"{', '.join(f'{part.id} ({away[part.id]:.1f} m)' for part in late)}: {text}"
             self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
