@@ -115,6 +115,18 @@ async def test_one_that_cannot_be_started_just_now_is_started_later(monkeypatch:
     await solver.__aexit__()
 
 
+async def test_one_that_hangs_is_given_up_however_large_its_job_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    forest = scene((0.0, 30.0, 10.0))
+    forest.obstacles = [Box(min=(-10.0, 10.0, 0.0), max=(20.0, 14.0, 30.0), name=f"tree {k}") for k in range(20_000)]
+    async with Solver(print) as solver:
+        await solver.until_ready(PATIENCE_S)
+        os.kill(solver.pid or 0, signal.SIGSTOP)
+        with pytest.raises(TimedOut, match="given up"):
+            await within(PATIENCE_S, solver.do(jobs.Solve(forest, seconds=0.2 - GRACE)))
+        assert not solver.ready
+
+
 async def _of(job: asyncio.Future[jobs.JudgedPlan]) -> jobs.JudgedPlan:
     return await job
 
