@@ -242,9 +242,9 @@ class LeasedVehicles:
     async def _replan(self, trouble: Trouble) -> Flight | None:
         """The executor asks: everybody that goes on rests."""
         run = self._run
+        self._gone += list(trouble.gone)
         if self._again is None or run.stopping:
             return None
-        self._gone += list(trouble.gone)
         run.context.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
         try:
             planned = await self._again(trouble)
