@@ -136,9 +136,9 @@ class Navigator(FlyingAgent):
     # What it is asked.
 
     async def on_fly(self, args: Fly, report: Any, origin: Origin | None) -> dict[str, Any]:
-        if self.flying:
-            raise Refused(f"it flies {self._route.name} already: abort that first")
         await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
+        if self.flying:  # now: another order may have waited for the vehicle beside this one
+            raise Refused(f"it flies {self._route.name} already: abort that first")
         self._check_airborne()
         here, route = self.vehicle.local, self._made(args)
         self._order, self._route, self._ends = args, route, False
