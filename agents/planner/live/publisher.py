@@ -144,6 +144,6 @@ class StatusPublisher:
 
 def thin(motion: Motion) -> list[tuple[float, float, float, float]]:
     """At most :data:`POINTS` of them, the first and the last among them; NED, centimetres."""
-    step = max(1, -(-len(motion) // POINTS))
+    step = max(1, -(-(len(motion) - 1) // (POINTS - 1)))
     kept = np.round(np.vstack((motion[:-1:step], motion[-1:])), 2) + 0.0
     return [(t, *ned((x, y, z))) for t, x, y, z in kept.tolist()]

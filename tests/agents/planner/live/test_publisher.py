@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import zmav
 from agents.planner.cli.asking import books
 from agents.planner.live.agent import Agent
+from agents.planner.live.publisher import POINTS, thin
 from agents.planner.live.settings import PlannerSettings
 from tests.conftest import Net
 from tests.waiting import until
@@ -31,3 +33,11 @@ async def test_a_map_that_no_message_holds_does_not_silence_the_planner(
         async for book in books(me, PATIENCE_S):
             if book is not None and book.obstacles == 1:
                 break
+
+
+@pytest.mark.parametrize("rows", [1, 2, POINTS, POINTS + 1, 2 * POINTS, 1000])
+def test_a_track_is_told_in_so_many_points_with_both_its_ends(rows: int) -> None:
+    motion = np.repeat(np.arange(rows, dtype=np.float64)[:, None], 4, axis=1)
+    told = thin(motion)
+    assert len(told) == rows if rows <= POINTS else 2 <= len(told) <= POINTS
+    assert (told[0][0], told[-1][0]) == (0.0, rows - 1.0)
