@@ -19,7 +19,6 @@ from agents.planner.execute.track import Track
 from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
 from agents.planner.model.problem import Floats, MovingObstacle
-from zmav import wire
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 
 TICK = 0.1
@@ -304,20 +303,18 @@ class Executor:
             segment = state.segment
             stamp = (segment.lease, segment.seq) if segment else None
             conductor.heard(part, came, state.t, stamp, segment.end if segment else None, state.instance)
-            if part.off and state.local is not None:
-                part.place = np.array(enu(state.local))
-            self._follow(conductor, part, state)
+            if state.local is not None:
+                place = np.array(enu(state.local))
+                if part.off:
+                    part.place = place
+                elif part.active and part.known.taken:
+                    at = part.offset.ours(state.t - state.ages.get("position", 0.0))
+                    conductor.strayed(part, now, at, place)
         error = command.offset.error(now)
         if error > part.error + 0.02 and part.active:
             part.error = error
             if error > MAX_CLOCK:
                 conductor.halt(f"the clock of {part.id} is known to ±{1e3 * error:.0f} ms only", vehicle=part.id)
-
-    def _follow(self, conductor: Conductor, part: Part, state: wire.VehicleState) -> None:
-        if state.local is None or not part.active or not part.known.taken:
-            return
-        at = part.offset.ours(state.t - state.ages.get("position", 0.0))
-        conductor.strayed(part, self.clock.now(), at, np.array(enu(state.local)))
 
     # After.
 
