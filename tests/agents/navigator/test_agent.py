@@ -173,7 +173,9 @@ async def test_a_network_that_is_silent_for_seconds_ends_no_flight(field: Field)
         name = "distant"
 
     settings, tuned = FlightSettings(lease_s=20.0), {"settle": 0.0}
-    async with BadClient(field.fleet.endpoint, 0.0, (0.0, 0.0)) as z, Distant(z, "quad1", settings, tuned) as distant:
+    async with BadClient(field.fleet.endpoint, 0.0, (0.0, 0.0)) as z, contextlib.AsyncExitStack() as stack:
+        distant = Distant(z, "quad1", settings, tuned)
+        await stack.enter_async_context(distant)
         running = asyncio.create_task(distant.run())
         await field.me.tell("distant", "fly", route="circle", radius=8.0, north=0.0, east=0.0, down=-5.0)
         course = distant.course
