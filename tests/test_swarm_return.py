@@ -274,6 +274,19 @@ async def test_a_planner_that_does_not_fly_holds_up_nobody(
         assert words in s.order.notes[0] and "each returns by itself" in s.order.notes[0]
 
 
+async def test_a_late_plan_is_cancelled_before_the_order_has_ended() -> None:
+    """Whoever gave it may be gone then, and with him what was not sent yet."""
+    async with scene("planning") as s:
+        s.order.plan = 1.0
+        task = asyncio.create_task(s.order.run())
+        await asyncio.gather(s.planner.told("submit"), *(vehicle.ordered("hold") for vehicle in s.vehicles))
+        for vehicle in s.vehicles:
+            land(vehicle)
+        await task
+        assert "cancel" in s.planner.asked
+        assert "has no plan after" in s.notes
+
+
 @pytest.mark.parametrize(
     ("how", "words"), [("failed", "fake: no way"), ("silent", "planner fake is silent")], ids=["fails", "dies"]
 )

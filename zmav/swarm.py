@@ -95,7 +95,7 @@ class FleetOrder:
         """when each was told to hold and did, by its own clock: what takes it later is somebody's later order"""
         self._planners: dict[str, str] = {}
         """by fleet: who was asked"""
-        self._dropping: asyncio.Task[None] | None = None
+        self._dropping: list[asyncio.Task[None]] = []
 
     async def run(self) -> list[VehicleProgress]:
         """See it through; the vehicles see to themselves where nobody waits any longer."""
@@ -110,6 +110,7 @@ class FleetOrder:
             fleets[vehicle.fleet].append(vehicle)
         together = self._return if self.verb == "rtl" else self._each
         await asyncio.gather(*(together(vehicles) for vehicles in fleets.values()))
+        await asyncio.gather(*self._dropping)  # who asked may end now, and with it what was not sent yet
         return list(self.told.values())
 
     def _runs(self, vehicle: Vehicle) -> bool:
@@ -218,7 +219,7 @@ class FleetOrder:
                     book = await within(until - time.monotonic(), books.get())
                 except asyncio.TimeoutError:
                     self._watch(vehicles)
-                    self._dropping = asyncio.create_task(self._drop(fleet, planner, goal))
+                    self._dropping.append(asyncio.create_task(self._drop(fleet, planner, goal)))
                     raise TimedOut(self._late(planner, state, until == silent), planner=planner, goal=goal) from None
                 entry = next((entry for entry in book.goals if entry.id == goal), None)
                 if entry is None:

@@ -79,10 +79,14 @@ class Course:
         self._until = min(begin + WINDOW, self.trajectory.duration)
         return self.trajectory.segment(begin, self.start)
 
+    def again(self) -> None:
+        """What was given last did not come there: the next segment is due at once."""
+        self._until = 0.0
+
     def brake(self, now: float) -> None:
         """Come to rest along the way; this is due at once."""
         self.trajectory = self.trajectory.braked(min(max(now + NOTICE - self.start, 0.0), self.trajectory.duration))
-        self._until = 0.0
+        self.again()
 
     def ended(self, now: float) -> bool:
         return now - self.start >= self.trajectory.duration
@@ -132,9 +136,9 @@ class Navigator(FlyingAgent):
     # What it is asked.
 
     async def on_fly(self, args: Fly, report: Any, origin: Origin | None) -> dict[str, Any]:
-        if self.flying:
-            raise Refused(f"it flies {self._route.name} already: abort that first")
         await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
+        if self.flying:  # now: another order may have waited for the vehicle beside this one
+            raise Refused(f"it flies {self._route.name} already: abort that first")
         self._check_airborne()
         here, route = self.vehicle.local, self._made(args)
         self._order, self._route, self._ends = args, route, False
@@ -142,18 +146,14 @@ class Navigator(FlyingAgent):
         return self._told()
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        course, flight = self._under_way(), self.flight
-        assert flight is not None
+        course, flight = self.course, self.flight
+        if course is None or flight is None or flight.done():
+            raise Refused("it flies nothing: give it 'fly' first")
         if not self._ends:
             course.brake(time.time())
         self._ends = True
         await asyncio.wait({flight})
         return {}
-
-    def _under_way(self) -> Course:
-        if not self.flying or self.course is None:
-            raise Refused("it flies nothing: give it 'fly' first")
-        return self.course
 
     def _check_airborne(self) -> None:
         state = self.vehicle.state
@@ -202,6 +202,7 @@ class Navigator(FlyingAgent):
                 stack.callback(listening.cancel)
             self.course = course = self._course(here)
             await self._give(outlet, course)
+            outlet.check()
             started.set_result(None)
             self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
             await self._follow(outlet, course)
@@ -236,8 +237,8 @@ class Navigator(FlyingAgent):
 
     async def _give(self, outlet: Outlet, course: Course) -> None:
         points = course.due(time.time())
-        if points is not None:
-            await outlet.give(points)
+        if points is not None and not await outlet.give(points):
+            course.again()
 
     def _check_place(self, course: Course) -> None:
         state, age = self.vehicle.last_state, self.vehicle.age

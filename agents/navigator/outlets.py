@@ -7,7 +7,7 @@ import time
 
 import zmav
 from zmav import wire
-from zmav.errors import NotHolder, Refused, Stale, TimedOut
+from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 from zmav.waiting import within
 
 TAKEN, TRIES = 1.0, 3
@@ -21,47 +21,53 @@ class ByLease:
 
     def __init__(self, vehicle: zmav.Vehicle, lease: zmav.Lease) -> None:
         self._vehicle, self._lease = vehicle, lease
-        self._seen = 0.0
+        self._seen, self._taken = 0.0, 1
+        """when it said that it flies what it took (monotonic s), and the first setpoint that brought that"""
         self.refusal = ""
         """the vehicle's last word on a setpoint that it dropped"""
 
-    async def give(self, points: list[wire.SegmentPoint]) -> None:
-        """Returns when the vehicle is committed to it."""
+    async def give(self, points: list[wire.SegmentPoint]) -> bool:
+        """Put it until the vehicle is committed to it; False where it is not heard, and flies on by what it has."""
+        first = self._lease.sent + 1
         for _ in range(TRIES):
             self.refusal = ""
             self._lease.segment(points)
             try:
-                await self._vehicle.wait_until(lambda state: self._ended or self._flies(state), TAKEN)
+                await self._vehicle.wait_until(lambda state: self._ended or self._flies(state, first), TAKEN)
             except TimedOut:
                 if self.refusal:
                     break
+                if (age := self._vehicle.age) is not None and age > TAKEN:
+                    return False
             else:
+                self._taken = first
                 self.check()
-                return
-        self._refuse()
+                return True
+        raise self._refused
 
     def check(self) -> None:
         if self._lease.lost is not None:
             raise self._lease.lost
         state = self._vehicle.last_state
-        if state is not None and self._flies(state):
+        if state is not None and self._flies(state, self._taken):
             self._seen = time.monotonic()
         elif time.monotonic() - self._seen > TAKEN:
-            self._refuse()
+            raise self._refused
 
     @property
     def _ended(self) -> bool:
         return self._lease.lost is not None
 
-    def _flies(self, state: wire.VehicleState) -> bool:
+    def _flies(self, state: wire.VehicleState, first: int) -> bool:
+        """A segment of ours of that number or later: all of them are of the same way."""
         flown = state.segment
-        return flown is not None and (flown.lease, flown.seq) == (self._lease.number, self._lease.sent)
+        return flown is not None and flown.lease == self._lease.number and flown.seq >= first
 
-    def _refuse(self) -> None:
-        if self._lease.lost is not None:
-            raise self._lease.lost
+    @property
+    def _refused(self) -> ZmavError:
         text = self.refusal or "it does not say why"
-        raise Refused(f"{self._vehicle.name} does not fly the segment: {text}", reasons=[text])
+        lost = self._lease.lost
+        return lost or Refused(f"{self._vehicle.name} does not fly the segment: {text}", reasons=[text])
 
 
 class ByController:
@@ -82,13 +88,14 @@ class ByController:
                 f"no agent {name} answers: start 'zmav agent run {name} --vehicle {me}'", agent=name
             ) from None
 
-    async def give(self, points: list[wire.SegmentPoint]) -> None:
+    async def give(self, points: list[wire.SegmentPoint]) -> bool:
         """Returns when the controller has taken it, or goes on with it for long."""
         if self._told is not None:
             self._told.cancel()
         self._told = asyncio.create_task(self._vehicle.tell(self._controller, "follow", segment=points))
         await asyncio.wait({self._told}, timeout=TAKEN)
         self.check()
+        return True
 
     def check(self) -> None:
         if self._told is not None and self._told.done() and not self._told.cancelled():
@@ -112,4 +119,6 @@ class ByController:
 
 
 Outlet = ByLease | ByController
-"""``give`` lets points be flown from now on, ``check`` raises the :class:`~zmav.errors.ZmavError` that ended it."""
+"""``give`` lets points be flown from now on (False: the way is to be given again, as it is by then), ``check`` raises
+the :class:`~zmav.errors.ZmavError` that ended it.
+"""

@@ -97,7 +97,7 @@ def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
         raise ValueError("no position is on the route")
     size, corners = found.size, route.corners - route.begins
     away = np.abs(found.along[:, None] - corners).min(axis=1)
-    rms = _rms(size)
+    rms = float(np.sqrt(np.mean(np.square(size))))
     where = _peaks(size, rms)
     peaks = tuple(Peak(float(found.t[k]), float(size[k]), float(found.along[k]), float(away[k])) for k in where)
     return Summary(
@@ -126,7 +126,3 @@ def _peaks(size: Array, rms: float) -> list[int]:
         elif inside and error > size[found[-1]]:
             found[-1] = k
     return found or [int(size.argmax())]
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,8 +103,6 @@ class Part:
     """it left our trajectory by itself: its last resort moved it aside"""
     place: Floats | None = None
     """where it was last seen, once it follows us no more"""
-    hinder: float = np.inf
-    """the moment of the plan that it may not pass: something stands in its way"""
     error: float = 0.0
     """s by which its clock may be other than we think"""
     late: float = 0.0
@@ -168,15 +167,11 @@ class Part:
             return True
         return False
 
-    def first_hit(self, now: float, clear: Callable[[Floats, Floats, float], bool]) -> float | None:
-        """The moment of the plan from which the rest of its way is not clear; None: all of it is."""
+    def is_clear(self, now: float, clear: Callable[[Floats, Floats, float], bool]) -> bool:
+        """Every straight piece of the rest of its way is, by ``clear``."""
         (s,), _ = self.known.profile.at(np.array([now]))
-        track = self.track
-        first = max(int(np.searchsorted(track.s, s, side="right")) - 1, 0)
-        for k in range(first, len(track.s) - 1):
-            if not clear(track.pos[k], track.pos[k + 1], self.radius):
-                return float(track.s[k])
-        return None
+        pos = self.track.pos[max(int(np.searchsorted(self.track.s, s, side="right")) - 1, 0) :]
+        return all(clear(p, q, self.radius) for p, q in pairwise(pos))
 
     def place_at(self, t: float) -> tuple[Floats, Floats]:
         """Where the known trajectory has it, and its velocity."""

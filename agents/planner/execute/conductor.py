@@ -28,8 +28,6 @@ GUARD = 0.05
 """s between a deadline and the departure"""
 AHEAD = 4.5
 """s: no deadline is farther away (the vehicle takes 5)"""
-HORIZON = 20.0
-"""s of the plan that a vehicle is committed to at most"""
 EXTEND = 13.0
 """s before its tail from which a vehicle is sent more"""
 URGENT = 5.0
@@ -37,7 +35,7 @@ URGENT = 5.0
 LASTING = 55.0
 """s after which a segment must end (the vehicle takes 60)"""
 REACHES = (20.0, 16.0, 12.0, 9.0, 7.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.25, 0.125)
-"""s of the plan by which a vehicle is sent farther, tried one after another"""
+"""s of the plan by which a vehicle is sent farther, tried one after another: the first at most"""
 WORTH = 2.0
 """s of progress for which it is told while there is time"""
 RESEND, RESEND_SILENT, SILENT = 0.5, 1.0, 1.0
@@ -116,7 +114,6 @@ class Conductor:
         parts: Sequence[Part],
         downwash: float,
         now: float,
-        horizon: float = HORIZON,
         source: Source | None = None,
         homes: Homes | None = None,
     ) -> None:
@@ -130,7 +127,6 @@ class Conductor:
         """m that each was off its trajectory at most"""
         self.line = CommonClock(now + START, 0.0)
         self._order = Order(self.parts, downwash)
-        self._horizon = horizon
         self._slope = 1.0 / max([1.0, *(part.track.speed / (0.6 * part.accel) for part in self.parts)])
         self._tried: dict[str, float] = {}
         self._retimed: dict[str, float] = {}
@@ -153,7 +149,7 @@ class Conductor:
         """
         part.heard = max(part.heard, now)
         if instance != part.instance:
-            self.gone(part, "its agent was restarted", None)
+            self.gone(part, "its agent was restarted")
             return
         if said <= part.said:
             return  # overtaken on the way: a later word is known
@@ -173,8 +169,7 @@ class Conductor:
             else:
                 part.refused = (now, -np.inf)
         if part.known.taken and not any(stamp in entry.sent for entry in part.entries):
-            part.strays = part.strays or not part.off
-            self.gone(part, "it flies no trajectory of ours any more", None)
+            self.gone(part, "it flies no trajectory of ours any more", strays=True)
         elif ends is not None and stamp in part.known.sent:
             part.kept_until = max(part.kept_until, part.offset.ours(ends))
 
@@ -211,8 +206,7 @@ class Conductor:
         limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
         slows = max(allowed, min(USUAL * part.usual, 0.5 * (allowed + limit)), 0.1)
         if off > max(LEFT, 2.0 * limit) and part.resting(now):
-            part.strays = part.strays or not part.off
-            self.gone(part, f"it is {off:.1f} m off its trajectory", None)
+            self.gone(part, f"it is {off:.1f} m off its trajectory", strays=True)
         elif off > limit:
             self.halt(f"{part.id} is {off:.1f} m off its trajectory", vehicle=part.id, metres=off)
         elif off > slows and not part.resting(now):
@@ -224,18 +218,15 @@ class Conductor:
             self._slow_until = now + RECOVER
         return off
 
-    def gone(self, part: Part, why: str, place: Floats | None) -> None:
-        """It follows us no more (a pilot, another commander, its own failsafe): nobody fights for it."""
+    def gone(self, part: Part, why: str, place: Floats | None = None, *, strays: bool = False) -> None:
+        """It follows us no more (a pilot, another commander, its own failsafe): nobody fights for it. ``strays``: it
+        left by itself, and may be led on from where it holds.
+        """
         if place is not None:
             part.place = place
         if not part.off:
-            part.off = why
+            part.off, part.strays = why, strays
             self.halt(f"{part.id}: {why}", vehicle=part.id)
-
-    def hinder(self, part: Part, moment: float, why: str) -> None:
-        """Something stands in its way at that moment of the plan: it stops before it, and a new plan is needed."""
-        part.hinder = min(part.hinder, moment)
-        self.halt(why, vehicle=part.id)
 
     # What is wanted.
 
@@ -332,7 +323,7 @@ class Conductor:
                 text = f"{part.id} is not heard: its way and the column at its end stay reserved"
                 self._say("lost", "warning", text, vehicle=part.id)
             if part.active and part.known.rest_at < now and part.refused[1] - part.refused[0] > REFUSES_AFTER:
-                self.gone(part, f"it is heard, and has taken no trajectory for {REFUSES_AFTER:g} s", None)
+                self.gone(part, f"it is heard, and has taken no trajectory for {REFUSES_AFTER:g} s")
         if self.line.pace < 1.0 and now > self._slow_until:
             self._pace(1.0, now)
             self._say("pace", "notice", "everybody keeps up: the common clock goes at the plan's pace again")
@@ -364,13 +355,9 @@ class Conductor:
         d = self._departure(entry, now)
         (s,), _ = entry.profile.at(np.array([d]))
         for reach in REACHES:
-            if reach > self._horizon:
-                continue
             grid = 2.0 if reach >= 5.0 else min(reach, 0.5)
             stop = end if s + reach >= end else np.floor((s + reach) / grid) * grid
             if stop <= entry.stop or (stop < end and stop - entry.stop < (WORTH if left > URGENT else 0.1)):
-                continue
-            if stop > part.hinder:
                 continue
             first = self._order.allows(index, stop, stops)
             if first is not None:

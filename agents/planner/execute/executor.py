@@ -19,7 +19,6 @@ from agents.planner.execute.track import Track
 from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
 from agents.planner.model.problem import Floats, MovingObstacle
-from zmav import wire
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 
 TICK = 0.1
@@ -76,14 +75,12 @@ class Executor:
         clock: Clock | None = None,
         offsets: Mapping[str, Offset] | None = None,
         followings: Mapping[str, Following] | None = None,
-        patience: float = PATIENCE,
         taking: float = 0.0,
         waits: Callable[[str], None] = lambda text: None,
         homes: Homes | None = None,
     ) -> None:
         self.clock, known = clock or Clock(), offsets or {}
-        self._patience, self._hurry = patience, False
-        self._taking, self._waits = taking, waits
+        self._taking, self._waits, self._hurry = taking, waits, False
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
         self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
@@ -178,15 +175,15 @@ class Executor:
                 conductor.halt(f"{who} is about to cross the way of {part.id}", vehicle=part.id, mover=who)
 
     def obstructed(self, clear: Callable[[Floats, Floats, float], bool], why: str) -> None:
-        """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Who has something in its way
-        stops before it, as far as it can, and a new plan is made.
+        """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Where something is in
+        anybody's way all come to rest as soon as they can, and a new plan is made.
         """
         if (conductor := self._conductor) is None:
             return
         now = self.clock.now()
         for part in conductor.parts:
-            if (moment := part.first_hit(now, clear)) is not None:
-                conductor.hinder(part, moment - 0.5, f"{why} in the way of {part.id}")
+            if not part.is_clear(now, clear):
+                conductor.halt(f"{why} in the way of {part.id}", vehicle=part.id)
 
     async def run(self, flight: Flight) -> Outcome:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
@@ -208,8 +205,7 @@ class Executor:
                     return self._ended(reason, flight, conductor, begun, replans)
                 flight, replans = again, replans + 1
         finally:
-            await asyncio.shield(self._settle())
-            self._conductor = None
+            await self._settled()
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Tell what its source has for as long as it ``goes()``; gives why everybody was brought to rest, if so."""
@@ -220,8 +216,7 @@ class Executor:
                 await asyncio.sleep(TICK)
             return conductor.halting
         finally:
-            await asyncio.shield(self._settle())
-            self._conductor = None
+            await self._settled()
 
     # Before.
 
@@ -308,20 +303,18 @@ class Executor:
             segment = state.segment
             stamp = (segment.lease, segment.seq) if segment else None
             conductor.heard(part, came, state.t, stamp, segment.end if segment else None, state.instance)
-            if part.off and state.local is not None:
-                part.place = np.array(enu(state.local))
-            self._follow(conductor, part, state)
+            if state.local is not None:
+                place = np.array(enu(state.local))
+                if part.off:
+                    part.place = place
+                elif part.active and part.known.taken:
+                    at = part.offset.ours(state.t - state.ages.get("position", 0.0))
+                    conductor.strayed(part, now, at, place)
         error = command.offset.error(now)
         if error > part.error + 0.02 and part.active:
             part.error = error
             if error > MAX_CLOCK:
                 conductor.halt(f"the clock of {part.id} is known to ±{1e3 * error:.0f} ms only", vehicle=part.id)
-
-    def _follow(self, conductor: Conductor, part: Part, state: wire.VehicleState) -> None:
-        if state.local is None or not part.active or not part.known.taken:
-            return
-        at = part.offset.ours(state.t - state.ages.get("position", 0.0))
-        conductor.strayed(part, self.clock.now(), at, np.array(enu(state.local)))
 
     # After.
 
@@ -351,7 +344,7 @@ class Executor:
         """Everybody rests, and for a while those who are not heard are waited for, or who were moved aside: these are
         taken along from where they hold then, and their places given.
         """
-        until, said = self.clock.now() + self._patience, False
+        until, said = self.clock.now() + PATIENCE, False
         while True:
             flying = self._look(conductor) == "flying"
             strays = [part for part in conductor.parts if part.strays and not self.commands[part.id].taken]
@@ -396,11 +389,10 @@ class Executor:
             if farthest < nearest - NEARER:
                 nearest, begun = farthest, now
             heard = all(part.heard > begun + SETTLE for part in late)
-            if (heard and now > begun + SETTLE) or now > ended + SETTLE + self._patience:
+            if (heard and now > begun + SETTLE) or now > ended + SETTLE + PATIENCE:
                 text = f"not at the goal {now - ended:.0f} s after the end"
                 for part in late:
-                    part.strays = part.strays or not part.off
-                    conductor.gone(part, text, None)
+                    conductor.gone(part, text, strays=True)
                 return f"{', '.join(f'{part.id} ({away[part.id]:.1f} m)' for part in late)}: {text}"
             self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
@@ -417,13 +409,23 @@ class Executor:
             found[name] = float("inf") if place is None else float(np.linalg.norm(place - motion[-1, 1:4]))
         return found
 
-    async def _settle(self) -> None:
-        """Whatever ended us: nobody's lease is given back while it moves, for a vehicle whose lease ends stops at once,
-        and not along its way.
+    async def _settled(self) -> None:
+        """Whatever ended us, and however often: nobody's lease is given back while it moves, for a vehicle whose lease
+        ends stops at once, and not along its way.
         """
-        conductor = self._conductor
-        if conductor is None:
+        if self._conductor is None:
             return
+        cancelled, settling = None, asyncio.ensure_future(self._settle(self._conductor))
+        while not settling.done():
+            try:
+                await asyncio.shield(settling)
+            except asyncio.CancelledError as e:
+                cancelled = e
+        self._conductor = None
+        if cancelled is not None:
+            raise cancelled
+
+    async def _settle(self, conductor: Conductor) -> None:
         conductor.halt("the execution has ended")
         with contextlib.suppress(ZmavError):
             while conductor.phase(self.clock.now()) == "flying":

@@ -16,7 +16,7 @@ from agents.planner.execute.offset import Offset
 from agents.planner.live.frames import enu, ned
 from agents.planner.model.problem import Floats
 from zmav import keys, wire
-from zmav.errors import BadInput, NotHolder, ZmavError
+from zmav.errors import NotHolder, ZmavError
 from zmav.vehicle import Lease
 from zmav.waiting import within
 
@@ -216,14 +216,12 @@ class VehicleCommand:
 
 async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> None:
     """Ask a vehicle of the client's fleet for its time, and take the answer in; none that makes sense: nothing."""
-    asked = clock.now()
-    answers = await z.ask(keys.DO.key(z.fleet_name, name, verb="ping"), timeout=PING_TIMEOUT)
-    came = clock.now()
-    for answer in answers[:1]:
-        if isinstance(answer, ZmavError):
-            continue
-        with contextlib.suppress(BadInput, KeyError, TypeError, ValueError):
-            outcome = wire.decode(answer.payload, wire.Outcome, "reply to do/ping")
+    with contextlib.suppress(ZmavError, KeyError, TypeError, ValueError):
+        asked = clock.now()
+        answers = await z.ask(keys.DO.key(z.fleet_name, name, verb="ping"), timeout=PING_TIMEOUT)
+        came = clock.now()
+        if answers and not isinstance(answers[0], ZmavError):
+            outcome = wire.decode(answers[0].payload, wire.Outcome, "reply to do/ping")
             offset.answered(asked, float(outcome.result["t"]), came)
 
 

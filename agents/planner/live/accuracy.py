@@ -33,6 +33,8 @@ FORGETS_S = 30.0
 """s in which what was worse is forgotten to a third: h_acc comes and goes with satellites, and plans should not"""
 GRAIN = 0.05
 """m in which errors are counted, upwards"""
+WORST = 1e5
+"""m that any is off at most: whoever says more says nothing, and numbers without an end are none to plan with"""
 
 
 def position_error(state: wire.VehicleState, declared: float | None = None) -> tuple[float, str]:
@@ -45,7 +47,7 @@ def position_error(state: wire.VehicleState, declared: float | None = None) -> t
     else:
         error, word = _reported(state.gps, estimate.accuracy)
     ratio = estimate.ratio or 0.0
-    return error * min(max(ratio / STRAINED, 1.0), STRETCHED), word
+    return min(error * min(max(ratio / STRAINED, 1.0), STRETCHED), WORST), word
 
 
 def _reported(gps: wire.Gps | None, filtered: float | None) -> tuple[float, str]:

@@ -12,7 +12,7 @@ import time
 import uuid
 
 import zmav
-from agents.planner.live.checks import read_obstacle
+from agents.planner.live.checks import check_obstacle, read_obstacle
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import Fleet
@@ -126,6 +126,9 @@ class Agent:
             return
         with contextlib.suppress(BadInput):
             told = wire.decode(data, swarm.ObstacleMap, "map of obstacles")
+            for each in told.obstacles:
+                if self.context.world.find(each.name) != each:  # what is kept was looked at
+                    check_obstacle(each)
             self._maps.pop(told.instance, None)
             self._maps[told.instance] = told
             if len(self._maps) > MAPS:

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 import zmav
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.vehicle_command import Clock, ask_time
-from zmav.errors import ZmavError
 
 EVERY = 4.0
 """s between two questions to one vehicle; of a large fleet one vehicle is asked at each look"""
@@ -48,9 +47,5 @@ class Clocks:
     async def ask(self, name: str) -> None:
         """No answer leaves what is known."""
         self._asked[name] = time.monotonic()
-        if name not in self.offsets:
-            return
-        try:
+        if name in self.offsets:
             await ask_time(self._z, name, self.clock, self.offsets[name])
-        except ZmavError:
-            return

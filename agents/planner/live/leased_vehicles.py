@@ -14,7 +14,6 @@ import zmav
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import Executor
 from agents.planner.execute.flight import Flight, Trouble
-from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
@@ -119,10 +118,6 @@ class LeasedVehicles:
         """Under our lease."""
         return self.executor.commands[name].vehicle
 
-    def following(self, name: str) -> Following:
-        """How it follows what it is told, as far as that was seen."""
-        return self.executor.followings[name]
-
     @property
     def commands(self) -> dict[str, VehicleCommand]:
         return self.executor.commands
@@ -162,7 +157,9 @@ class LeasedVehicles:
         """
         executor, run = self.executor, self._run
         self._again, self._share, self._gone, self._words = again, share, [], run.entry.text
-        if not run.goes:
+        if run.goes and not self._torn:  # a pause may have ended while nothing was flown
+            executor.resume()
+        else:
             executor.pause()
         watching = asyncio.create_task(self._watch(executor))
         watching.add_done_callback(lambda task: self._unwatched(task, executor))
@@ -245,9 +242,9 @@ class LeasedVehicles:
     async def _replan(self, trouble: Trouble) -> Flight | None:
         """The executor asks: everybody that goes on rests."""
         run = self._run
+        self._gone += list(trouble.gone)
         if self._again is None or run.stopping:
             return None
-        self._gone += list(trouble.gone)
         run.context.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
         try:
             planned = await self._again(trouble)

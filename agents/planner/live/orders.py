@@ -17,7 +17,6 @@ from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
 from agents.planner.live.frames import enu
 from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.reserved import Tube, tube
-from agents.planner.model.problem import Floats
 from agents.planner.solve.loiter import STEADY, LoiterCircle
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, ZmavError
@@ -174,7 +173,7 @@ def _around(run: GoalUnderWay, circle: LoiterCircle) -> list[Tube]:
     assert seen is not None
     x, y, z = enu(seen.view.pos_ned)
     centre = enu(circle.centre_ned)
-    boxes = tube(_array([(x, y, z), (x, y, centre[2]), centre]), 0.0).boxes + np.array(
+    boxes = tube([(x, y, z), (x, y, centre[2]), centre], 0.0).boxes + np.array(
         [-wide, -wide, -STEADY, wide, wide, STEADY]
     )
     return [Tube(boxes, seen.view.body.radius)]
@@ -192,13 +191,9 @@ def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], pla
             way.append((x, y, ground + float(order.args.get("alt_rel", 0.0))))
         else:
             way.append((x, y, min(ground, way[-1][2])))
-    return [tube(_array(way), seen.view.body.radius)]
+    return [tube(way, seen.view.body.radius)]
 
 
 def _in_the_air(run: GoalUnderWay, name: str) -> bool:
     seen = run.context.fleet.seen(name)
     return seen is not None and (seen.view.airborne or (not seen.view.flies and bool(seen.state.armed)))
-
-
-def _array(rows: Any) -> Floats:
-    return np.array(rows, dtype=np.float64)

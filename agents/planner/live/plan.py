@@ -20,7 +20,7 @@ from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import Floats, Motion
+from agents.planner.model.problem import Motion
 from agents.planner.model.scene import Scene
 from agents.planner.model.verify import Report
 from agents.planner.solve.loiter import loiter_radius
@@ -134,7 +134,7 @@ class Planner:
         if not all(each.hovers for each in views):
             return None
         around = Surroundings(room.obstacles, room.movers, room.downwash)
-        places = _array([enu(each.pos_ned) for each in views])
+        places = np.array([enu(each.pos_ned) for each in views], dtype=np.float64)
         radii = np.array([each.body.radius for each in views]) - self._context.settings.margin
         (margin, share), spare = margins[-1], await asyncio.to_thread(free, places, radii, around)
         if float(spare.min()) >= margin:
@@ -209,10 +209,6 @@ def _above(room: Room, views: Sequence[VehicleView], flown: Mapping[str, Motion]
     homes = {view.name: None if view.home_ned is None else enu(view.home_ned) for view in views if view.flies}
     found = [room.floor.check(flown[name].tolist(), home) for name, home in homes.items()]
     return min((each for each in found if each is not None), default=None)
-
-
-def _array(rows: Sequence[Sequence[float]]) -> Floats:
-    return np.array(rows, dtype=np.float64)
 
 
 def circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> list[Vector]:

@@ -16,7 +16,7 @@ from agents.planner.live.frames import ned
 from agents.planner.live.leadership.election import BEAT, HEARTBEAT
 from agents.planner.model.problem import Motion
 from zmav import keys, wire
-from zmav.errors import BadKey
+from zmav.errors import BadInput, BadKey
 from zmav.waiting import within
 from zmav.wire import swarm
 
@@ -136,12 +136,14 @@ class StatusPublisher:
     ) -> None:
         try:
             self._context.z.put(channel, key, payload, publisher=publisher)
+        except BadInput as e:  # more than one message holds: who is in charge goes on saying the rest
+            self._context.say_seldom("fault", "error", e.message)
         except (zenoh.ZError, BadKey):
             return
 
 
 def thin(motion: Motion) -> list[tuple[float, float, float, float]]:
     """At most :data:`POINTS` of them, the first and the last among them; NED, centimetres."""
-    step = max(1, -(-len(motion) // POINTS))
+    step = max(1, -(-(len(motion) - 1) // (POINTS - 1)))
     kept = np.round(np.vstack((motion[:-1:step], motion[-1:])), 2) + 0.0
     return [(t, *ned((x, y, z))) for t, x, y, z in kept.tolist()]

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from agents.planner.model import scene
 from agents.planner.model.problem import Floats
@@ -28,7 +29,7 @@ class Tube:
     radius: float
 
 
-def tube(path: Floats, radius: float) -> Tube:
+def tube(path: npt.ArrayLike, radius: float) -> Tube:
     """Around (K, 3) points joined by straight lines."""
     dense = _dense(np.atleast_2d(np.asarray(path, dtype=np.float64)))
     pieces = [dense[i : i + 3] for i in range(0, max(1, len(dense) - 1), 2)]

@@ -98,6 +98,7 @@ class Run:
         if self.stopping:
             return
         self.stopping = why or "stopped"
+        self._goes.set()  # a new plan that waits for the end of a pause is not made any more
         if self.flying is not None:
             self.flying.stop(self.stopping)
         else:
@@ -110,7 +111,8 @@ class Run:
             self.stop("; ".join(low.values()))
 
     def pause(self) -> None:
-        self._goes.clear()
+        if not self.stopping:
+            self._goes.clear()
         if self.flying is not None:
             self.flying.pause()
 
@@ -291,6 +293,7 @@ class Run:
             return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
+        missing = set[str]()
         await self._settled(step.vehicles)  # who has just come there may still swing
         planned, why = await self.planner.check(step, self._view(), await leased.margins())
         if planned is not None:
@@ -302,15 +305,17 @@ class Run:
             self.check_stopped()
             if landed.arrived:
                 return []
-            why = landed.why
+            why, missing = landed.why, leased.gone
+            self._go_without(missing)
             self.context.say("replan", "notice", f"{self.entry.id}: planned again: {why}", goal=self.entry.id)
             await self._settled()
-        if not step.instead:
+        ways = [way for way in (without(each, missing) for each in step.instead) if way.vehicles]
+        if not ways:
             raise Refused(f"{step.text or 'what was prepared'}: {why}; there is no other way")
-        for instead in step.instead:
-            if missing := await self._plan_and_fly(leased, instead, share):
-                return missing
-        return []
+        for way in ways:
+            if lost := await self._plan_and_fly(leased, way, share):
+                return sorted({*missing, *lost})
+        return sorted(missing)
 
     async def _follow(self, leased: LeasedVehicles, step: Track, share: tuple[float, float]) -> list[str]:
         """Until the goal is cancelled, or its leader is lost for good; gives who did not come home or down then."""

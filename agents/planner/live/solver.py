@@ -8,7 +8,7 @@ import pickle
 import sys
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar, overload
+from typing import Any, overload
 
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
@@ -19,7 +19,6 @@ from agents.planner.solve import jit
 from zmav.errors import TimedOut, ZmavError, from_code
 from zmav.waiting import within
 
-T = TypeVar("T")
 ROOT = jit.PACKAGE.parents[1]
 """where the process is started: in another folder Python might find other packages called agents, ours through a link
 among them, for which all kernels would be compiled again
@@ -107,15 +106,14 @@ class Solver:
             assert process is not None
             assert process.stdin is not None
             self._number += 1
-            self._job = asyncio.get_running_loop().create_future()
+            self._job = answer = asyncio.get_running_loop().create_future()
             try:
-                process.stdin.write(jobs.frame((self._number, job)))
-                with contextlib.suppress(ConnectionError):  # its death is what the job hears of
-                    await process.stdin.drain()
-                return await within(seconds + GRACE, _result(self._job))
-            except asyncio.TimeoutError:
+                process.stdin.write(jobs.frame((self._number, job)))  # not waited for: one that hangs reads nothing
+                await asyncio.wait({answer}, timeout=seconds + GRACE)
+                if answer.done():
+                    return answer.result()
                 self._kill(process)
-                raise TimedOut(f"the {self._name} had no answer after {seconds + GRACE:.0f} s: given up") from None
+                raise TimedOut(f"the {self._name} had no answer after {seconds + GRACE:.0f} s: given up")
             finally:
                 self._job = None
 
@@ -131,14 +129,16 @@ class Solver:
         while True:
             done = self._number
             try:
-                code = await self._run()
+                how = f"ended with {await self._run()}"
+            except OSError as e:  # no memory or no handles for it just now
+                how = f"cannot be started ({e})"
             finally:
                 self._ready.clear()
             died = 0 if self._number > done else died + 1
             if self._job is not None and not self._job.done():
-                self._job.set_exception(SolverDied(f"the {self._name} ended with {code} in the middle of its work"))
+                self._job.set_exception(SolverDied(f"the {self._name} {how} in the middle of its work"))
             wait = AGAIN[min(died, len(AGAIN) - 1)]
-            self._say(f"the {self._name} ended with {code}; it is started again in {wait:g} s")
+            self._say(f"the {self._name} {how}; it is started again in {wait:g} s")
             await asyncio.sleep(wait)
 
     async def _run(self) -> int:
@@ -181,10 +181,6 @@ class Solver:
                 self._job.set_result(message.result)
             else:
                 self._job.set_exception(error_of(message))
-
-
-async def _result(future: asyncio.Future[T]) -> T:
-    return await future
 
 
 def _look(task: asyncio.Future[Any]) -> None:

@@ -145,7 +145,7 @@ class Tracking:
         margin = self._leased.tracking + body.speed * error
         part = Part(name, Track(np.array([[0.0, *place]])), body.radius, body.accel, margin, command.offset)
         part.heard, part.error, part.instance = now, error, command.instance
-        part.follows(self._leased.following(name))
+        part.follows(self._leased.executor.followings[name])
         return part
 
     def next(self, part: Part, now: float) -> Send | None:

@@ -13,13 +13,15 @@ import pytest
 import pytest_asyncio
 
 import zmav
-from agents.navigator.agent import Navigator
+from agents.navigator.agent import OVERLAP, Navigator
+from agents.navigator.outlets import TAKEN, TRIES
 from agents.navigator.trajectory import WINDOW
-from tests.agents.planner.execute.fleet import Fleet, airborne
+from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.config import Failsafe, Geofence
 from zmav.errors import BadInput, Refused
+from zmav.flying import FlightSettings
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 
@@ -162,6 +164,33 @@ async def test_what_is_aborted_comes_to_rest_on_its_way_and_is_given_back(field:
     assert course.ended(time.time())
     assert 5.0 < course.along(time.time()) < 8.0
     assert math.dist(field.me.local, course.place(time.time())) < 0.5
+
+
+async def test_a_network_that_is_silent_for_seconds_ends_no_flight(field: Field) -> None:
+    """It is while the second segment is due, and for longer than one that is heard has to take it."""
+
+    class Distant(Navigator):
+        name = "distant"
+
+    settings, tuned = FlightSettings(lease_s=20.0), {"settle": 0.0}
+    async with BadClient(field.fleet.endpoint, 0.0, (0.0, 0.0)) as z, contextlib.AsyncExitStack() as stack:
+        distant = Distant(z, "quad1", settings, tuned)
+        await stack.enter_async_context(distant)
+        running = asyncio.create_task(distant.run())
+        await field.me.tell("distant", "fly", route="circle", radius=8.0, north=0.0, east=0.0, down=-5.0)
+        course = distant.course
+        assert course is not None
+        await until(lambda: time.time() > course.start + WINDOW - OVERLAP - 1.0, "", PATIENCE_S)
+        z.cut = True
+        await asyncio.sleep((TRIES + 2) * TAKEN)
+        assert distant.flying
+        z.cut = False
+        await field.me.wait_until(lambda state: state.segment is not None and state.segment.seq > 1, PATIENCE_S)
+        await field.me.tell("distant", "abort")
+        assert distant.flight is not None
+        assert distant.flight.exception() is None
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
 
 
 async def test_a_route_beyond_the_fence_is_not_begun_and_the_vehicle_s_reason_is_told(field: Field) -> None:

@@ -12,7 +12,7 @@ import pytest
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.following import Following
 from agents.planner.execute.track import CommonClock
-from agents.planner.model.problem import Motion, MovingObstacle
+from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.separation import separation
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 
@@ -202,7 +202,13 @@ def test_an_obstacle_on_the_way_stops_its_vehicle_before_it_and_all() -> None:
     motions = slower(carousel(3, 12.0, speed=4.0), 3.0)
     history = History(motions, np.random.default_rng(2), loss=0.1)
     history.run(4.0)
-    history.conductor.hinder(history.parts[0], 12.0, "a crane in the way of v0")
+    crane = history.parts[0].track.at(np.array([12.0]))[0][0]
+
+    def clear(p: Floats, q: Floats, radius: float) -> bool:
+        return float(np.linalg.norm(0.5 * (p + q) - crane)) > radius
+
+    assert [part.is_clear(history.now, clear) for part in history.parts] == [False, True, False]
+    history.conductor.halt("a crane in the way of v0", vehicle="v0")
     history.run(60.0, ended)
     assert history.conductor.phase(history.now) == "halted"
     assert history.parts[0].stop < 12.0

@@ -99,3 +99,13 @@ def test_what_it_was_before_a_receiver_found_its_satellites_counts_in_flight_alo
     known.heard("quad1", state(gps("3D_FIX", 1.0), armed=armed), None, 101.0)
     known.heard("quad1", state(gps("3D_FIX", 0.9), armed=armed), None, 102.0)  # and this is held on the ground, too
     assert known.error("quad1") == pytest.approx(error)
+
+
+def test_a_number_without_an_end_is_counted_like_any_other() -> None:
+    """It came as JSON from somebody: all that are heard are settled together, and the planner with them."""
+    known = Accuracies()
+    for name, told in (("quad1", gps("3D_FIX", 1e308)), ("quad2", gps("3D_FIX", 1.0))):
+        known.heard(name, state(told, wire.Estimate(ratio=1e308)), None, 0.0)
+    known.settle(["quad1", "quad2"])
+    assert math.isfinite(known.room("quad1"))
+    assert known.error("quad2") == pytest.approx(4.0)

@@ -18,6 +18,7 @@ from agents.planner.live.solver import GRACE, Solver, SolverDied
 from agents.planner.live.worker import SolverProcess
 from agents.planner.model.errors import PlanError
 from agents.planner.model.scene import Bounds, Box, NoFly, Scene, Vehicle
+from tests.waiting import until
 from zmav.config import body_of
 from zmav.errors import BadInput, TimedOut
 from zmav.waiting import within
@@ -101,6 +102,29 @@ async def test_uncompiled_it_is_ready_at_once_and_plans_for_three_in_the_open(mo
         motions, judged = await solver.do(jobs.Solve(turned))
     assert len(motions) == 3
     assert judged.ok
+
+
+async def test_one_that_cannot_be_started_just_now_is_started_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    said: list[str] = []
+    with monkeypatch.context() as patched:
+        patched.setattr("sys.executable", "/nothing/there")
+        solver = await Solver(said.append).__aenter__()
+        await until(lambda: any("cannot be started" in text for text in said), said, PATIENCE_S)
+    await solver.until_ready(PATIENCE_S)
+    await solver.__aexit__()
+
+
+async def test_one_that_hangs_is_given_up_however_large_its_job_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    forest = scene((0.0, 30.0, 10.0))
+    forest.obstacles = [Box(min=(-10.0, 10.0, 0.0), max=(20.0, 14.0, 30.0), name=f"tree {k}") for k in range(20_000)]
+    async with Solver(print) as solver:
+        await solver.until_ready(PATIENCE_S)
+        os.kill(solver.pid or 0, signal.SIGSTOP)
+        with pytest.raises(TimedOut, match="given up"):
+            await within(PATIENCE_S, solver.do(jobs.Solve(forest, seconds=0.2 - GRACE)))
+        assert not solver.ready
 
 
 async def _of(job: asyncio.Future[jobs.JudgedPlan]) -> jobs.JudgedPlan:
