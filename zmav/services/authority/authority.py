@@ -212,7 +212,7 @@ class Authority:
         if self._handing is not None:
             self._handing.cancel()
         ours = self.control.ours or self.leases.holder is not None
-        flown = self.watchdog.stop()
+        flown = self.watchdog.stop(taken=True)
         self.leader.stop()
         self._commander.ordered = None  # if the pilot goes back to that mode, it is his
         if self._commander.under_way:
