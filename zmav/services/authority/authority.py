@@ -44,6 +44,8 @@ ASKED_FOR = 30.0
 """s for which an order that gets no answer is sent again at most, and some more"""
 HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
 """... and those that may put something there, sooner or later"""
+BESIDE = ("disarm", "mission_current", "command")
+"""orders that leave the one that moves the vehicle, or is to arm it, under way"""
 
 
 class Authority:
@@ -108,7 +110,7 @@ class Authority:
         self._asked = -math.inf
         """monotonic s at which the watchdog asked for a mode last"""
         self._ordered_under = 0
-        """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
+        """the number of the lease under which the last such order was given; 0: it needed none, or is open to all"""
 
     def start(self) -> None:
         bus = self._bus
@@ -167,7 +169,7 @@ class Authority:
             self.watchdog.hold_now(f"{verb.name} was ordered", severity="info")
         flown = None if _moves_nothing(verb, args) else self.watchdog.stop()
         self.leader.stop()
-        if verb.name not in (*MOVING_NOTHING, "command"):
+        if verb.name not in BESIDE:
             self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
         self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
         if verb.access is Access.OPEN and not self.leases.holds(args.lease, origin):  # his next setpoint would undo it
