@@ -22,7 +22,9 @@ def put(b: Bench, name: str, **fields: Any) -> None:
     b.ground.put(keys.TX, frame, sys=1, comp=1, msg=name)
 
 
-@pytest.mark.parametrize("command", [SET_MODE, 20, 21, 300], ids=["mode", "RTL", "land", "mission"])
+@pytest.mark.parametrize(
+    "command", [SET_MODE, 262, 20, 21, 300], ids=["mode", "standard mode", "RTL", "land", "mission"]
+)
 async def test_its_mode_takes_the_vehicle_at_once(bench: StartBench, command: int) -> None:
     b = await bench(settings={"failsafe": PATIENT})
     alice = await agent(b)

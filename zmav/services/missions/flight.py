@@ -78,7 +78,7 @@ class MissionFlight:
         """
         if command.name in FLIES:
             await self._judge_flown(force, report)
-        elif command.name == "MAV_CMD_DO_SET_MODE":
+        elif command.name in ("MAV_CMD_DO_SET_MODE", "MAV_CMD_DO_SET_STANDARD_MODE"):
             autopilot = self._do.autopilot()
             mode = autopilot.mode_by(command)
             if mode is not None:
