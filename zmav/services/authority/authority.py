@@ -102,8 +102,6 @@ class Authority:
         """monotonic s at which each member gave its last such order, however long that was under way"""
         self._halted: dict[Origin, float] = {}
         """the same of its last hold, land or return"""
-        self.made_safe = 0
-        """counts the orders that make safe: one that waits since before such a one is overtaken"""
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
         self._handing: asyncio.Task[None] | None = None
@@ -159,7 +157,6 @@ class Authority:
 
         Returns the stream that it ended, for :meth:`failed`.
         """
-        self.made_safe += verb.access is Access.OPEN
         if verb.access is Access.OPEN and origin is not None:
             self._keep_order(verb, args, origin)
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
@@ -167,7 +164,7 @@ class Authority:
         self.taken_from = ""
         if verb.name in HOLDING_FIRST:
             self.watchdog.hold_now(f"{verb.name} was ordered", severity="info")
-        flown = None if _moves_nothing(verb, args) else self.watchdog.stop()
+        flown = None if moves_nothing(verb, args) else self.watchdog.stop()
         self.leader.stop()
         if verb.name not in BESIDE:
             self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
@@ -325,7 +322,7 @@ def _given(args: wire.Order, origin: Origin) -> float:
     return time.monotonic() - (waited if 0.0 <= waited <= ASKED_FOR else 0.0)
 
 
-def _moves_nothing(verb: Verb, args: wire.Order) -> bool:
+def moves_nothing(verb: Verb, args: wire.Order) -> bool:
     """What is held or acted on when it is given goes on: a speed, a camera, arming."""
     if isinstance(args, wire.RunCommand):
         name = _named(args.command)
