@@ -133,6 +133,28 @@ async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:
     assert norths(b.peer.heard(GLOBAL)[0]) == pytest.approx(AHEAD_M, abs=0.2)
 
 
+@pytest.mark.parametrize("by", ["goto", "stream"])
+async def test_who_does_not_know_where_it_is_any_more_is_led_no_farther(bench: StartBench, by: str) -> None:
+    """A far target, given as it is, would be flown to however long nothing more is heard."""
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())  # once, so that it is old in two seconds
+    await b.state(lambda s: s["position"], "position")
+    if by == "goto":
+        await b.ground.do("goto", pos=[400.0, 0.0, -10.0], id="g", wait=0)
+    else:
+        lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    for seq in range(16):  # 5 Hz: longer than a position is fresh
+        if by == "stream":
+            point = wire.Setpoint(lease=lease, seq=seq, deadline=time.time() + 2, pos=(400.0, 0.0, -10.0))
+            b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
+        await b.state(lambda s: True, "a moment")
+    assert max(norths(t) for t in b.peer.heard(GLOBAL)) < 2 * AHEAD_M
+    told = len(b.peer.heard(GLOBAL))
+    b.peer.send("GLOBAL_POSITION_INT", **at(north=10.0))
+    await b.peer.count(GLOBAL, told + 1)
+    assert norths(b.peer.heard(GLOBAL)[-1]) == pytest.approx(10.0 + AHEAD_M, abs=0.5)
+
+
 def norths(told: Any) -> float:
     return round((float(told.fields["lat_int"]) / 1e7 + 35.0) * 110_941.0, 2)
 

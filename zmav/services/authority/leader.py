@@ -76,13 +76,16 @@ class PositionLeader:
         self._port, self._identity, self._control = companion.port, companion.identity, control
         self._task: asyncio.Task[None] | None = None
 
-    def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
-        """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity."""
+    def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target | None:
+        """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity.
+        None: nothing, for it does not say any more where it is; it stops where it was led last.
+        """
         if target.lat_deg is None or not flies_on(autopilot):
             return target
         position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH_S)
-        if position is None:
-            return target
+        if position is None:  # a point of a trajectory is near by itself, and moves on
+            lost = target.level == "position" and self._port.latest("GLOBAL_POSITION_INT", source) is not None
+            return None if lost else target
         if autopilot.on_surface and target.vel is not None:
             return pursuit(target, position)
         return within_reach(target, position)
@@ -141,7 +144,7 @@ class PositionLeader:
                 return  # an agent flies it now
             now = self.near(autopilot, target, source)
             arrived += now is target
-            action = autopilot.goto(now)
+            action = autopilot.goto(now) if now is not None else None
             if isinstance(action, Message):
                 self._port.send(action.name, **action.addressed(*source))
             await asyncio.sleep(1.0 / RENEW_HZ)

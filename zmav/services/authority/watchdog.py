@@ -475,8 +475,8 @@ class StreamWatchdog:
             self._hold("moved aside from the segment", left=True)
             return True
         self._dodging = None
-        target = future(flown)(0.0)
-        actions = flown.autopilot.setpoint(self._near(flown.autopilot, target, flown.source))
+        target = self._near(flown.autopilot, future(flown)(0.0), flown.source)
+        actions = [] if target is None else flown.autopilot.setpoint(target)
         sent = [self._give(action) for action in actions if self._repeated.due(action, time.monotonic())]
         return all(sent)
 
