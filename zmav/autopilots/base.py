@@ -220,6 +220,7 @@ class Autopilot(ABC):
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
+        self._modes: dict[str, Mode] = {}
 
     def told(self, capabilities: int) -> Autopilot:
         """The rules of one that says it has these: AUTOPILOT_VERSION's MAV_PROTOCOL_CAPABILITY."""
@@ -236,7 +237,7 @@ class Autopilot(ABC):
 
     def modes(self) -> dict[str, Mode]:
         """Every mode by name."""
-        return {}
+        return self._modes
 
     def mode(self, name: str) -> Mode:
         """The mode of that name, in any case; raises :class:`BadInput` listing the modes there are."""
@@ -346,7 +347,7 @@ class Autopilot(ABC):
     """s of stream that must have flown on the ground before the mode that follows it may be asked for; 0: none need"""
     levels: Mapping[Level, Convert | str] = {}
     """what each level becomes, or why there is no such thing here"""
-    modes_by_level: Mapping[Level, str | None] = {}
+    modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
     """where the mode is not ``guided``; None: whatever mode the vehicle is in"""
     needs_by_level: Mapping[Level, tuple[Need, ...]] = {}
 

@@ -21,12 +21,10 @@ from zmav.services.authority import limits as limit
 from zmav.services.authority.clearance import Clearance, Place
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
-from zmav.services.link.reported import fields_of, in_the_air
+from zmav.services.link.reported import FRESH, fields_of, in_the_air
 from zmav.services.missions.items import Raw
 from zmav.terrain import Ground
 
-FRESH = 2.0
-"""s: age up to which a position says where the vehicle is"""
 NO_FIX = 1_000_000
 """1e-7 degrees: as near to 0, 0 an autopilot is that does not know where it is"""
 WIDEN = "nobody has declared more for this vehicle: [geofence] and [limits] in its fleet file do"

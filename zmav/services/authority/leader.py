@@ -20,7 +20,7 @@ from zmav.autopilots.safety import flies_on
 from zmav.errors import ZmavError
 from zmav.services.authority.control import Control, Mover
 from zmav.services.companion import Companion
-from zmav.services.link.reported import fields_of
+from zmav.services.link.reported import FRESH, fields_of
 
 AHEAD_M = 15.0
 AHEAD_S = 3.0
@@ -28,8 +28,6 @@ AHEAD_S = 3.0
 RENEW_HZ = 4.0
 CATCH_UP, SLOW, THERE_M = 0.7, 0.1, 0.3
 """1/s of what is missing that is added to the velocity; m/s below which a place stands; m within which it is reached"""
-FRESH_S = 2.0
-"""age up to which a position says where the vehicle is"""
 
 
 def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
@@ -82,7 +80,7 @@ class PositionLeader:
         """
         if target.lat_deg is None or not flies_on(autopilot):
             return target
-        position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH_S)
+        position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH)
         if position is None:  # a point of a trajectory is near by itself, and moves on
             lost = target.level == "position" and self._port.latest("GLOBAL_POSITION_INT", source) is not None
             return None if lost else target
