@@ -158,6 +158,8 @@ class ArduPilot(Autopilot):
         "EXTENDED_SYS_STATE": 2.0,
         "MISSION_CURRENT": 1.0,
     }
+    # AUTO, AUTO_RTL; ARMDISARM (old, new, with air mode), DISARM, ARM_EMERGENCY_STOP, by RC_Channel.h.
+    switches: ClassVar[frozenset[int]] = frozenset({16, 99, 41, 153, 154, 81, 165})
     camera_params: ClassVar[tuple[str, ...]] = ("CAM1_TYPE", "CAM2_TYPE")
     # The system id, and what its parameter documentation marks @ReadOnly or @Volatile.
     own_params: ClassVar[tuple[str, ...]] = (

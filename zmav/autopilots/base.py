@@ -212,6 +212,8 @@ class Autopilot(ABC):
     """shell patterns of parameters that are each vehicle's own: its system id, and what the autopilot writes by itself
     (counters, ids of sensors it found, measurements)"""
 
+    switches: ClassVar[frozenset[int]] = frozenset()
+    """functions of MAV_CMD_DO_AUX_FUNCTION that arm, disarm or fly the mission, which the orders for it would judge"""
     camera_params: ClassVar[tuple[str, ...]] = ()
     """each 0 where that camera is none: with none at all it may accept what triggers one"""
     missions: MissionRules = MissionRules()

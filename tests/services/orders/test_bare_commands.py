@@ -35,7 +35,20 @@ async def test_what_would_set_off_is_not_armed_by_a_bare_command(
     assert b.peer.commands(SET_MODE)[0].at < b.peer.commands(ARM)[0].at
 
 
-STANDARD_MODE, MISSION = 262, 6.0
+@pytest.mark.parametrize("function", [16.0, 153.0], ids=["AUTO", "arm or disarm"])
+async def test_a_switch_of_the_pilot_s_that_has_a_verb_is_not_turned_by_a_bare_command(
+    bench: StartBench, function: float
+) -> None:
+    """By it ArduPilot disarms in the air, too, and flies a mission whose places nobody has judged."""
+    b = await (await bench()).flying()
+    with pytest.raises(BadInput, match="arm, disarm and set_mode are orders"):
+        await b.ground.do("command", command="DO_AUX_FUNCTION", params={"param1": function, "param2": 0.0})
+    assert b.peer.commands(AUX_FUNCTION) == []
+    await b.ground.do("command", command="DO_AUX_FUNCTION", params={"param1": 19.0, "param2": 2.0})  # a gripper
+    assert b.peer.commands(AUX_FUNCTION)
+
+
+AUX_FUNCTION, STANDARD_MODE, MISSION = 218, 262, 6.0
 
 
 @pytest.mark.parametrize(

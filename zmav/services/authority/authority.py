@@ -125,6 +125,8 @@ class Authority:
 
     def close(self) -> None:
         """End; a vehicle that follows a stream is told to hold."""
+        if self._handing is not None:
+            self._handing.cancel()
         self.setpoints.close()
         self.watchdog.close()
         self.leader.close()
