@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
+from zmav.config import Limits
 from zmav.errors import Refused
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.leader import AHEAD_M, AHEAD_S, PositionLeader, pursuit, within_reach
@@ -109,7 +110,7 @@ async def test_it_leads_only_while_it_may(bench: StartBench) -> None:
     b.peer.send("GLOBAL_POSITION_INT", **at())
     await b.state(lambda s: s["position"], "position")
     control = Control("quad1")
-    leader = PositionLeader(b.vehicle.companion, control)
+    leader = PositionLeader(b.vehicle.companion, control, b.vehicle.authority.bounds)
     assert leader.lead(target(400.0, 0.0))
     await b.peer.count(GLOBAL, 2)
     assert control.claimed(Mover.TARGET)
@@ -155,6 +156,22 @@ async def test_who_does_not_know_where_it_is_any_more_is_led_no_farther(bench: S
     assert norths(b.peer.heard(GLOBAL)[-1]) == pytest.approx(10.0 + AHEAD_M, abs=0.5)
 
 
+async def test_who_is_brought_back_from_afar_keeps_to_the_limit_of_speed(bench: StartBench) -> None:
+    """The farther a rover is behind, the faster it is told to drive, but no faster than the fleet file has it."""
+    settings = {"origin": ORIGIN, "limits": Limits(speed=2.0)}
+    b = await (await bench(settings=settings, mav_type=10)).connected()
+    b.peer.mode, b.peer.armed = 15, True
+    await b.state(lambda s: s["mode"] == "GUIDED" and s["armed"], "armed GUIDED")
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    await b.state(lambda s: s["position"], "position")
+    point = wire.Setpoint(lease=lease, seq=1, deadline=time.time() + 2, pos=(200.0, 0.0, 0.0), vel=(1.0, 0.0, 0.0))
+    b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
+    await b.peer.count("SET_POSITION_TARGET_LOCAL_NED", 1)
+    told = b.peer.heard("SET_POSITION_TARGET_LOCAL_NED")[0].fields
+    assert 1.0 < math.hypot(told["vx"], told["vy"]) <= 2.0 + 1e-6
+
+
 def norths(told: Any) -> float:
     return round((float(told.fields["lat_int"]) / 1e7 + 35.0) * 110_941.0, 2)
 
@@ -178,7 +195,7 @@ def test_a_rover_is_brought_back_to_a_moving_place_and_never_turns_round_for_it(
     here = at()
 
     def told(metres: float, speed: float) -> tuple[float, float, float] | None:
-        return pursuit(msgspec.structs.replace(target(metres, 0.0), vel=(speed, 0.0, 0.0)), here).vel
+        return pursuit(msgspec.structs.replace(target(metres, 0.0), vel=(speed, 0.0, 0.0)), here, 30.0).vel
 
     assert told(0.0, 2.0) == pytest.approx((2.0, 0.0, 0.0), abs=1e-3)
     assert told(2.0, 1.0) == pytest.approx((2.4, 0.0, 0.0), abs=0.01)
@@ -186,4 +203,4 @@ def test_a_rover_is_brought_back_to_a_moving_place_and_never_turns_round_for_it(
     assert told(-3.0, 1.0) == (0.0, 0.0, 0.0)
     assert told(0.2, 0.0) == (0.0, 0.0, 0.0)
     assert told(-1.0, 0.0) == pytest.approx((-0.7, 0.0, 0.0), abs=0.01)
-    assert pursuit(place := target(90.0, 0.0), here) is place
+    assert pursuit(place := target(90.0, 0.0), here, 30.0) is place

@@ -78,7 +78,7 @@ class Authority:
         self.control = control
         self.pilot = Pilot(companion, commander, pilot_switch, control)
         self.leases = Leases(companion, may_take=control.check_pilot)
-        self.leader = PositionLeader(companion, control)
+        self.leader = PositionLeader(companion, control, bounds)
         self.watchdog = StreamWatchdog(
             companion, failsafe, counts, control, allowed=self.pilot.allowed, near=self.leader.near, aside=aside
         )

@@ -223,6 +223,11 @@ class Bounds:
     # How it is done.
 
     @property
+    def most_speed(self) -> float:
+        """m/s over the ground: what is declared, or usual."""
+        return self._usual_limits.speed or math.inf
+
+    @property
     def placed(self) -> bool:
         """Where the usual field lies is known: about the fleet's origin, or where the vehicle is."""
         return self._usual_fence(self._position()) is not None

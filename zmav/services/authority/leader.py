@@ -18,6 +18,7 @@ from zmav import geo, wire
 from zmav.autopilots import Autopilot, Message, Target
 from zmav.autopilots.safety import flies_on
 from zmav.errors import ZmavError
+from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control, Mover
 from zmav.services.companion import Companion
 from zmav.services.link.reported import FRESH, fields_of
@@ -49,9 +50,10 @@ def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
     return msgspec.structs.replace(target, **changes) if changes else target
 
 
-def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
+def pursuit(target: Target, position: Mapping[str, Any], most: float) -> Target:
     """The velocity over the ground that brings a vehicle which does not follow a moving place back to it: the target's
-    own, and a share of what is missing. It never turns round for a place that it has passed, but waits for it.
+    own, and a share of what is missing, ``most`` m/s altogether. It never turns round for a place that it has passed,
+    but waits for it.
     """
     if target.lat_deg is None or target.lon_deg is None or target.vel is None:
         return target
@@ -61,17 +63,18 @@ def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
     speed = math.hypot(vn, ve)
     n, e = vn + CATCH_UP * north, ve + CATCH_UP * east
     passed = n * vn + e * ve < 0.0 if speed > SLOW else math.hypot(north, east) < THERE_M
-    return Target(vel=(0.0, 0.0, 0.0) if passed else (n, e, 0.0))
+    share = min(1.0, most / math.hypot(n, e)) if n or e else 0.0
+    return Target(vel=(0.0, 0.0, 0.0) if passed else (share * n, share * e, 0.0))
 
 
 class PositionLeader:
     """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop.
 
-    ``control`` is asked before each target.
+    ``control`` is asked before each target; ``bounds`` say how fast it may go.
     """
 
-    def __init__(self, companion: Companion, control: Control) -> None:
-        self._port, self._identity, self._control = companion.port, companion.identity, control
+    def __init__(self, companion: Companion, control: Control, bounds: Bounds) -> None:
+        self._port, self._identity, self._control, self._bounds = companion.port, companion.identity, control, bounds
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target | None:
@@ -85,7 +88,7 @@ class PositionLeader:
             lost = target.level == "position" and self._port.latest("GLOBAL_POSITION_INT", source) is not None
             return None if lost else target
         if autopilot.on_surface and target.vel is not None:
-            return pursuit(target, position)
+            return pursuit(target, position, self._bounds.most_speed)
         return within_reach(target, position)
 
     def lead(self, target: Target) -> bool:
