@@ -383,11 +383,9 @@ class Autopilot(ABC):
     def _convert(self, level: Level) -> Convert:
         how = self.levels.get(level, f"{level} setpoints are not something {self.name} does with a {self.kind}")
         if isinstance(how, str):
-            raise Unsupported(how, field=level, value=level, expected=", ".join(self._can()))
+            others = [each for each, convert in self.levels.items() if not isinstance(convert, str)]
+            raise Unsupported(how, field=level, value=level, expected=", ".join(others))
         return how
-
-    def _can(self) -> list[str]:
-        return [level for level, how in self.levels.items() if not isinstance(how, str)]
 
     def hold_mode(self) -> str:
         """The mode in which it holds."""
