@@ -54,12 +54,26 @@ async def test_setpoints_that_wait_leave_others_their_turn(bench: StartBench) ->
     alice = await agent(b)
     await alice.fly()
     counts = b.vehicle.authority.setpoints.counts
-    before = sum(counts.values())
+    before = counts.total()
     for _ in range(20):
         alice.put()
     sleep(0.5)  # until all of them wait
     judged = [before]
     while judged[-1] < before + 20:
         await asyncio.sleep(0)  # a turn of the loop
-        judged.append(sum(counts.values()))
+        judged.append(counts.total())
     assert max(after - earlier for earlier, after in pairwise(judged)) == 1
+
+
+async def test_none_of_them_is_flown_once_nobody_watches_any_more(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    setpoints = b.vehicle.authority.setpoints
+    before = setpoints.counts.total()
+    for _ in range(20):
+        alice.put()
+    sleep(0.5)  # until all of them wait
+    setpoints.close()
+    await b.state(lambda s: True, "a moment")
+    assert setpoints.counts.total() == before

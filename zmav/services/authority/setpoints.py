@@ -111,6 +111,7 @@ class Setpoints:
     def close(self) -> None:
         if self._intake is not None:
             self._intake.close()
+            self._intake = None
 
     def _sealed(self, sample: zenoh.Sample) -> Heard | None:
         """A setpoint with a seal that we know; None: dropped. On the intake's thread."""
@@ -128,8 +129,8 @@ class Setpoints:
 
     def _next(self) -> None:
         """Judge one of those that wait, and the next when others have had their turn: a segment takes its time."""
-        self._judging = bool(self._waiting)
-        if not self._waiting:
+        self._judging = bool(self._waiting) and self._intake is not None  # else nobody watches over it any more
+        if not self._judging:
             return
         heard = self._waiting.popleft()
         asyncio.get_running_loop().call_soon(self._next)
