@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from tests.failsafe.conftest import PATIENT, agent, another, held, moves, nothing_more, stops
-from tests.services.conftest import FAILED, SET_MODE, TAKEOFF, StartBench
+from tests.services.conftest import ARM, FAILED, SET_MODE, TAKEOFF, StartBench
 from zmav.config import Failsafe
 from zmav.errors import Refused, TimedOut, ZmavError
 
@@ -123,3 +123,24 @@ async def test_an_order_under_way_ends_with_the_lease_it_was_given_under(bench: 
     for _ in range(4):
         await b.state(lambda s: True, "a moment")
     assert len(b.peer.heard("SET_POSITION_TARGET_GLOBAL_INT")) == told
+
+
+@pytest.mark.parametrize("how", ["preempted", "revoked", "released"])
+async def test_who_waits_to_arm_it_does_not_once_the_lease_has_ended(bench: StartBench, how: str) -> None:
+    b = await (await bench()).connected()
+    alice = await another(b, "alice")
+    order = asyncio.create_task(b.ground.do("arm", ready_timeout=60.0, lease=alice.token))
+    await b.state(lambda s: s["mover"] == "order", "the order")
+    if how == "preempted":
+        await another(b, "bob", priority=5)
+    elif how == "revoked":
+        await b.ground.do("revoke")
+    else:
+        await b.ground.do("release", lease=alice.token)
+    await b.state(lambda s: s["mover"] == "nobody", "the order's end")
+    b.peer.send("SYS_STATUS", onboard_control_sensors_health=0x10000000)
+    b.peer.send("EKF_STATUS_REPORT", flags=16)
+    await b.state(lambda s: s["ready"], "ready")
+    with pytest.raises(Refused, match="superseded"):
+        await order
+    assert b.peer.commands(ARM) == []

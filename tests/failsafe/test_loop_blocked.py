@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
-from tests.failsafe.conftest import agent
+from tests.failsafe.conftest import PATIENT, agent
 from tests.services.conftest import StartBench
 from zmav.mavlink import decode, parse_frame
 
@@ -44,3 +46,34 @@ async def test_it_holds_in_time(bench: StartBench, monkeypatch: pytest.MonkeyPat
     stopped = next((at for at, f in told if f["vx"] == 0.0), free)
     assert stopped < free
     assert stopped - flown > 0.45
+
+
+async def test_setpoints_that_wait_leave_others_their_turn(bench: StartBench) -> None:
+    """A segment may take a tenth of a second to judge: an order to hold does not wait for all that came before it."""
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    counts = b.vehicle.authority.setpoints.counts
+    before = counts.total()
+    for _ in range(20):
+        alice.put()
+    sleep(0.5)  # until all of them wait
+    judged = [before]
+    while judged[-1] < before + 20:
+        await asyncio.sleep(0)  # a turn of the loop
+        judged.append(counts.total())
+    assert max(after - earlier for earlier, after in pairwise(judged)) == 1
+
+
+async def test_none_of_them_is_flown_once_nobody_watches_any_more(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    setpoints = b.vehicle.authority.setpoints
+    before = setpoints.counts.total()
+    for _ in range(20):
+        alice.put()
+    sleep(0.5)  # until all of them wait
+    setpoints.close()
+    await b.state(lambda s: True, "a moment")
+    assert setpoints.counts.total() == before

@@ -22,7 +22,9 @@ def put(b: Bench, name: str, **fields: Any) -> None:
     b.ground.put(keys.TX, frame, sys=1, comp=1, msg=name)
 
 
-@pytest.mark.parametrize("command", [SET_MODE, 20, 21, 300], ids=["mode", "RTL", "land", "mission"])
+@pytest.mark.parametrize(
+    "command", [SET_MODE, 262, 20, 21, 300], ids=["mode", "standard mode", "RTL", "land", "mission"]
+)
 async def test_its_mode_takes_the_vehicle_at_once(bench: StartBench, command: int) -> None:
     b = await bench(settings={"failsafe": PATIENT})
     alice = await agent(b)
@@ -66,3 +68,18 @@ async def test_its_setpoints_wait_for_the_lease(bench: StartBench) -> None:
     await b.ground.do("release", lease=alice.token)
     put(b, LOCAL, coordinate_frame=1, type_mask=0x0DC7, vx=9.0)
     await b.peer.until(lambda: [t.fields["vx"] for t in b.peer.heard(LOCAL)][-1:] == [9.0], "the station's setpoint")
+
+
+@pytest.mark.parametrize("name", ["MISSION_ITEM", "MISSION_ITEM_INT"])
+async def test_its_guided_items_are_setpoints_and_those_of_a_plan_are_not(bench: StartBench, name: str) -> None:
+    """ArduPilot flies to an item whose ``current`` is 2, and changes its height by one whose is 3."""
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    for current in (2, 3, 0):
+        put(b, name, current=current, command=16, frame=3, z=30.0)
+    await b.peer.until(lambda: bool(b.peer.heard(name)), "the item of a plan")
+    assert [t.fields["current"] for t in b.peer.heard(name)] == [0]
+    await b.event("alice commands quad1", kind="refused")
+    await b.ground.do("release", lease=alice.token)
+    put(b, name, current=2, command=16, frame=3, z=30.0)
+    await b.peer.until(lambda: bool(b.peer.heard(name, current=2)), "the station's place")

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import asyncio
 import struct
+import time
 from collections.abc import AsyncIterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -16,6 +17,9 @@ from tests.services.conftest import ARM, SET_INTERVAL, SET_MODE, Bench, StartBen
 from zmav import keys
 from zmav.config import Failsafe
 from zmav.errors import Refused, ZmavError
+
+if TYPE_CHECKING:
+    from tests.conftest import StartOnboard
 
 HOLD, MISSION, TAKEOFF, POSCTL, OFFBOARD = 4 << 16 | 3 << 24, 4 << 16 | 4 << 24, 4 << 16 | 2 << 24, 3 << 16, 6 << 16
 RTL, LAND = 4 << 16 | 5 << 24, 4 << 16 | 6 << 24
@@ -96,6 +100,38 @@ async def test_after_a_lost_stream_the_next_lease_flies(bench: StartBench, inten
     flown = state["setpoints"].get("flown", 0)
     bob.put()
     await b.state(lambda s: s["setpoints"].get("flown", 0) > flown, "another one flown")
+
+
+async def test_a_lost_stream_becomes_a_hold_whichever_thread_sees_its_end_first(
+    bench: StartBench, intending: Intending
+) -> None:
+    """The watchdog's lets go as soon as the mode is there; what judges the mode lives on an event loop that is busy."""
+    b = await bench(intending, settings={"failsafe": PATIENT})
+    intending.intended = OFFBOARD
+    alice = await agent(b, mode=OFFBOARD)
+    await alice.fly()
+    intending.mode = HOLD
+    intending.heartbeat()
+    time.sleep(0.3)  # several rounds of the watchdog
+    await b.state(lambda s: s["lease"] is None, "no lease")
+    if intending.tells:
+        await intending.until(lambda: intending.intended == HOLD, "HOLD")
+    else:
+        assert intending.modes() == []
+
+
+async def test_who_waits_to_order_that_hold_ends_with_the_vehicle_s_program(
+    bench: StartBench, intending: Intending, onboard: StartOnboard
+) -> None:
+    b = await bench(intending, settings={"failsafe": PATIENT})
+    intending.intended = OFFBOARD
+    alice = await agent(b, mode=OFFBOARD)
+    await alice.fly()
+    intending.mode = HOLD
+    intending.heartbeat()
+    await b.state(lambda s: s["lease"] is None, "no lease")
+    await onboard.close(b.vehicle)
+    assert [task for task in asyncio.all_tasks() if "_hold_lost" in repr(task)] == []
 
 
 async def test_a_failsafe_that_waits_in_hold_is_not_ended_by_a_hold(bench: StartBench, intending: Intending) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from zmav.autopilots import base, convert
-from zmav.autopilots.base import Autopilot, Command, Convert, Latest, Level, Message, MissionRules, Mode, Need, Target
+from zmav.autopilots.base import Autopilot, Command, Convert, Latest, Level, Message, MissionRules, Need, Target
 
 _OWN_GCS = Need(
     ("MAV_GCS_SYSID", "SYSID_MYGCS"),
@@ -26,7 +26,6 @@ THRUST_AS_THRUST = Need(
     False,
     "ArduCopter takes the thrust of an attitude for a climb rate (0.5 keeps the height, 1 climbs at WPNAV_SPEED_UP)",
 )
-MODES_BY_LEVEL: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
 _EVERYWHERE: Mapping[Level, Convert | str] = {
     "rc": convert.rc_override_16,
     "servo": convert.servos,
@@ -159,6 +158,8 @@ class ArduPilot(Autopilot):
         "EXTENDED_SYS_STATE": 2.0,
         "MISSION_CURRENT": 1.0,
     }
+    # AUTO, AUTO_RTL; ARMDISARM (old, new, with air mode), DISARM, ARM_EMERGENCY_STOP, by RC_Channel.h.
+    switches: ClassVar[frozenset[int]] = frozenset({16, 99, 41, 153, 154, 81, 165})
     camera_params: ClassVar[tuple[str, ...]] = ("CAM1_TYPE", "CAM2_TYPE")
     # The system id, and what its parameter documentation marks @ReadOnly or @Volatile.
     own_params: ClassVar[tuple[str, ...]] = (
@@ -182,8 +183,7 @@ class ArduPilot(Autopilot):
         self.rules = RULES.get(kind, COPTER)
         self.keepalive_hz = self.rules.keepalive_hz
         self.circle_param = "WP_LOITER_RAD" if self.rules.circles else None
-        self.levels, self.modes_by_level = self.rules.levels, MODES_BY_LEVEL
-        self.needs_by_level = self.rules.needs
+        self.levels, self.needs_by_level = self.rules.levels, self.rules.needs
         self.lands_after_rtl = self.rules.takeoff_command
         self.home_circle_param = "RTL_RADIUS" if self.rules.circles else None
         self.home_height_params = ("RTL_ALT_FINAL", "RTL_ALT_FINAL_M") if self.lands_after_rtl else ()
@@ -196,9 +196,6 @@ class ArduPilot(Autopilot):
 
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         return self._names.get(custom_mode, f"MODE_{custom_mode}")
-
-    def modes(self) -> dict[str, Mode]:
-        return self._modes
 
     @property
     def guided(self) -> str:

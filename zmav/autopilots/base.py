@@ -212,6 +212,8 @@ class Autopilot(ABC):
     """shell patterns of parameters that are each vehicle's own: its system id, and what the autopilot writes by itself
     (counters, ids of sensors it found, measurements)"""
 
+    switches: ClassVar[frozenset[int]] = frozenset()
+    """functions of MAV_CMD_DO_AUX_FUNCTION that arm, disarm or fly the mission, which the orders for it would judge"""
     camera_params: ClassVar[tuple[str, ...]] = ()
     """each 0 where that camera is none: with none at all it may accept what triggers one"""
     missions: MissionRules = MissionRules()
@@ -220,6 +222,7 @@ class Autopilot(ABC):
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
+        self._modes: dict[str, Mode] = {}
 
     def told(self, capabilities: int) -> Autopilot:
         """The rules of one that says it has these: AUTOPILOT_VERSION's MAV_PROTOCOL_CAPABILITY."""
@@ -236,7 +239,7 @@ class Autopilot(ABC):
 
     def modes(self) -> dict[str, Mode]:
         """Every mode by name."""
-        return {}
+        return self._modes
 
     def mode(self, name: str) -> Mode:
         """The mode of that name, in any case; raises :class:`BadInput` listing the modes there are."""
@@ -346,7 +349,7 @@ class Autopilot(ABC):
     """s of stream that must have flown on the ground before the mode that follows it may be asked for; 0: none need"""
     levels: Mapping[Level, Convert | str] = {}
     """what each level becomes, or why there is no such thing here"""
-    modes_by_level: Mapping[Level, str | None] = {}
+    modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
     """where the mode is not ``guided``; None: whatever mode the vehicle is in"""
     needs_by_level: Mapping[Level, tuple[Need, ...]] = {}
 
@@ -380,11 +383,9 @@ class Autopilot(ABC):
     def _convert(self, level: Level) -> Convert:
         how = self.levels.get(level, f"{level} setpoints are not something {self.name} does with a {self.kind}")
         if isinstance(how, str):
-            raise Unsupported(how, field=level, value=level, expected=", ".join(self._can()))
+            others = [each for each, convert in self.levels.items() if not isinstance(convert, str)]
+            raise Unsupported(how, field=level, value=level, expected=", ".join(others))
         return how
-
-    def _can(self) -> list[str]:
-        return [level for level, how in self.levels.items() if not isinstance(how, str)]
 
     def hold_mode(self) -> str:
         """The mode in which it holds."""

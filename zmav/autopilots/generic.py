@@ -25,7 +25,6 @@ class Generic(Autopilot):
         "servo": convert.servos,
         "torque": "the common dialect has no message for torques",
     }
-    modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
 
     def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
         return [] if latest("GLOBAL_POSITION_INT") is not None else ["no GLOBAL_POSITION_INT heard"]

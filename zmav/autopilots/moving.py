@@ -65,7 +65,7 @@ def leads_to(command: Command, autopilot: Autopilot, *, in_mission: bool = False
     frame, ignored = command.frame or autopilot.command_frame, autopilot.ignores_frames and not in_mission
     if command.name == "MAV_CMD_DO_CHANGE_ALTITUDE":
         return Target(alt_amsl=p[0]) if ignored or p[1] in (0.0, 5.0) else Target(alt_rel=p[0])  # MAV_FRAME
-    if "GLOBAL" not in frame:
+    if not ignored and "GLOBAL" not in frame:
         return None
     height = Target(alt_amsl=p[6]) if ignored or frame in _ABOVE_THE_SEA else Target(alt_rel=p[6])
     if command.name in _TO_A_HEIGHT:

@@ -126,7 +126,6 @@ class Px4(Autopilot):
         self.circle_param = "NAV_LOITER_RAD" if kind == "plane" else None
         if torque:
             self.levels = {**self.levels, "torque": convert.torques}
-        self._modes = {}
         for item in _MODES.split():
             name, numbers = item.split(":")
             main, sub = numbers.split("/")
@@ -141,9 +140,6 @@ class Px4(Autopilot):
         # Only AUTO (4) has sub modes that matter; POSCTL's (orbit, slow) are still POSCTL.
         exact = self._names.get(custom_mode & 0xFFFF0000)
         return exact or self._names.get(main << 16) or f"MODE_{main}/{sub}"
-
-    def modes(self) -> dict[str, Mode]:
-        return self._modes
 
     @property
     def guided(self) -> str:

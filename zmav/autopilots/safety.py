@@ -201,6 +201,7 @@ _CHANGING = {
     f"MAV_CMD_{name}"
     for name in (
         "DO_SET_MODE",
+        "DO_SET_STANDARD_MODE",
         "NAV_TAKEOFF",
         "NAV_VTOL_TAKEOFF",
         "NAV_LAND",

@@ -10,7 +10,7 @@ import os
 import struct
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -116,12 +116,8 @@ class Gate(Verifier):
         unsigned, malformed, clock (with a ``challenge`` where the answer to one is taken instead), replayed, unknown,
         stranger, fleet, revoked, expired, role, epoch, signature, busy (not looked at for want of time).
         """
-        try:
+        with self._refusing():
             return self._check_all(key, payload, attachment)
-        except Forbidden as e:
-            self.counts[str(e.detail["reason"])] += 1
-            self.bus.tell(ProofRefused(e))
-            raise
 
     def admit(self, key: str, payload: bytes, attachment: bytes | None) -> Origin | None:
         """Who asks a question, where anybody may; raises :class:`Forbidden` for whom the fleet has turned out.
@@ -132,12 +128,8 @@ class Gate(Verifier):
         """
         if self._shut_out.issuperset(self.roster.revoked):
             return None
-        try:
+        with self._refusing():
             found, by = self.verify(key, payload, attachment)
-        except Forbidden as e:
-            self.counts[str(e.detail["reason"])] += 1
-            self.bus.tell(ProofRefused(e))
-            raise
         return Origin(by.name, by.role, by.fingerprint, found.t)
 
     def check_told(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
@@ -146,7 +138,7 @@ class Gate(Verifier):
         It answers no gate, for it is meant for all of them: its time is of now by our clock, and later than that of
         the last that was taken of that member there. Who is not known yet introduces itself within a second.
         """
-        try:
+        with self._refusing("unknown", BUSY):
             channel, parts = keys.match(key)
             found, by = self.verify(key, payload, attachment)
             may(by.role, by.name, channel, parts, self._given)
@@ -156,12 +148,18 @@ class Gate(Verifier):
                 if found.t <= self._told.get((key, by.name), 0.0) <= found.t + 2 * WINDOW:
                     raise Forbidden("it was signed before the last one that came", reason="replayed")
                 self._told[key, by.name] = found.t
+        return Origin(by.name, by.role, by.fingerprint, found.t)
+
+    @contextlib.contextmanager
+    def _refusing(self, *unsaid: str) -> Iterator[None]:
+        """Count what is refused within, and say it, but for what is refused for these reasons."""
+        try:
+            yield
         except Forbidden as e:
             self.counts[str(e.detail["reason"])] += 1
-            if e.detail["reason"] not in ("unknown", BUSY):
+            if e.detail["reason"] not in unsaid:
                 self.bus.tell(ProofRefused(e))
             raise
-        return Origin(by.name, by.role, by.fingerprint, found.t)
 
     def _check_all(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
         channel, parts = keys.match(key)

@@ -19,6 +19,7 @@ import msgspec
 from zmav import keys, wire
 from zmav.errors import BadInput, TimedOut, ZmavError
 from zmav.mavlink.ftp import crc32_of_file
+from zmav.services.files.sink import TransferMeter
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ class Files:
 
     async def _pull(self, stored: wire.StoredFile, fd: int, have: int, progress: Progress | None) -> None:
         """Append to the file what it lacks, in order; what came ahead of a lost chunk waits for it in memory."""
-        meter = _Rate(progress, stored.size, have)
+        meter = TransferMeter(progress or (lambda news: None), stored.size, have)
         ahead: dict[int, bytes] = {}
         count, wait, fresh = FEWEST_CHUNKS * 8, ANSWER, time.monotonic()
         while have < stored.size:
@@ -129,7 +130,7 @@ class Files:
                 os.write(fd, data)
                 have += len(data)
             ahead = {at: data for at, data in ahead.items() if at > have}
-            meter.at(have)
+            meter.add(have - start)
             took, now = time.monotonic() - began, time.monotonic()
             if have - start < min(count * CHUNK, stored.size - start):  # too much at once, or too little patience
                 count, wait = max(count // 2, FEWEST_CHUNKS), min(2.0 * wait, ANSWER)
@@ -183,22 +184,6 @@ class Logs:
         return int((await self._vehicle.order("log_erase", wire.LogErase()))["erased"])
 
 
-class _Rate:
-    """Says how far a copy is, a few times a second."""
-
-    def __init__(self, progress: Progress | None, size: int, have: int) -> None:
-        self._progress, self._size, self._first = progress, size, have
-        self._began, self._said = time.monotonic(), 0.0
-
-    def at(self, count: int) -> None:
-        now = time.monotonic()
-        if self._progress is None or (now - self._said < 0.2 and count < self._size):
-            return
-        self._said = now
-        rate = (count - self._first) / max(now - self._began, 1e-6)
-        self._progress({"bytes": count, "size": self._size, "rate": round(rate)})
-
-
 def _staged(progress: Progress | None, stage: str) -> Progress | None:
     if progress is None:
         return None
@@ -217,7 +202,9 @@ def _good(answers: Sequence[Answer | ZmavError]) -> list[Answer]:
 
 
 def _offset(answer: Answer) -> int:
-    return int(answer.key.rpartition("/")[2])
+    """Where its bytes belong; -1, which is nowhere, where anybody but the vehicle made it up."""
+    text = answer.key.rpartition("/")[2]
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 12 else -1
 
 
 def _stored(result: dict[str, Any]) -> wire.StoredFile:

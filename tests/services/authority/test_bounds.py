@@ -287,6 +287,10 @@ def cmd(name: str, *params: float, frame: str | None = None) -> Command:
         (cmd("DO_REPOSITION", -1, 1, 0, 0, 47e7, 8e7, 5.0, frame=REL), COPTER, (47.0, 8.0, None, 5.0)),
         # PX4 looks at no frame: 5 m above home would be flown as 5 m above the sea.
         (cmd("DO_REPOSITION", -1, 1, 0, 0, 47e7, 8e7, 5.0, frame=REL), PX4, (47.0, 8.0, 5.0, None)),
+        # ... and that of no place on the globe as well: it would be flown to, whatever the fence.
+        (cmd("DO_REPOSITION", -1, 1, 0, 0, 47e7, 8e7, 5.0, frame="MAV_FRAME_LOCAL_NED"), PX4, (47.0, 8.0, 5.0, None)),
+        (cmd("DO_ORBIT", 10, 1, 0, 0, 47e7, 8e7, 5.0, frame="MAV_FRAME_MISSION"), PX4, (47.0, 8.0, 5.0, None)),
+        (cmd("DO_REPOSITION", -1, 1, 0, 0, 47e7, 8e7, 5.0, frame="MAV_FRAME_LOCAL_NED"), COPTER, None),
         (cmd("DO_REPOSITION", -1, 1, 0, 0, 47.0, 8.0, 5.0), COPTER, (47.0, 8.0, None, 5.0)),
         (cmd("DO_REPOSITION", -1, 1, 0, 0, 47.0, 8.0, 5.0), PX4, (47.0, 8.0, 5.0, None)),
         # At the height where it is, however far away that is.

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
+from zmav.config import Limits
 from zmav.errors import Refused
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.leader import AHEAD_M, AHEAD_S, PositionLeader, pursuit, within_reach
@@ -109,7 +110,7 @@ async def test_it_leads_only_while_it_may(bench: StartBench) -> None:
     b.peer.send("GLOBAL_POSITION_INT", **at())
     await b.state(lambda s: s["position"], "position")
     control = Control("quad1")
-    leader = PositionLeader(b.vehicle.companion, control)
+    leader = PositionLeader(b.vehicle.companion, control, b.vehicle.authority.bounds)
     assert leader.lead(target(400.0, 0.0))
     await b.peer.count(GLOBAL, 2)
     assert control.claimed(Mover.TARGET)
@@ -131,6 +132,44 @@ async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:
     b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
     await b.peer.count(GLOBAL, 1)
     assert norths(b.peer.heard(GLOBAL)[0]) == pytest.approx(AHEAD_M, abs=0.2)
+
+
+@pytest.mark.parametrize("by", ["goto", "stream"])
+async def test_who_does_not_know_where_it_is_any_more_is_led_no_farther(bench: StartBench, by: str) -> None:
+    """A far target, given as it is, would be flown to however long nothing more is heard."""
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())  # once, so that it is old in two seconds
+    await b.state(lambda s: s["position"], "position")
+    if by == "goto":
+        await b.ground.do("goto", pos=[400.0, 0.0, -10.0], id="g", wait=0)
+    else:
+        lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    for seq in range(16):  # 5 Hz: longer than a position is fresh
+        if by == "stream":
+            point = wire.Setpoint(lease=lease, seq=seq, deadline=time.time() + 2, pos=(400.0, 0.0, -10.0))
+            b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
+        await b.state(lambda s: True, "a moment")
+    assert max(norths(t) for t in b.peer.heard(GLOBAL)) < 2 * AHEAD_M
+    told = len(b.peer.heard(GLOBAL))
+    b.peer.send("GLOBAL_POSITION_INT", **at(north=10.0))
+    await b.peer.count(GLOBAL, told + 1)
+    assert norths(b.peer.heard(GLOBAL)[-1]) == pytest.approx(10.0 + AHEAD_M, abs=0.5)
+
+
+async def test_who_is_brought_back_from_afar_keeps_to_the_limit_of_speed(bench: StartBench) -> None:
+    """The farther a rover is behind, the faster it is told to drive, but no faster than the fleet file has it."""
+    settings = {"origin": ORIGIN, "limits": Limits(speed=2.0)}
+    b = await (await bench(settings=settings, mav_type=10)).connected()
+    b.peer.mode, b.peer.armed = 15, True
+    await b.state(lambda s: s["mode"] == "GUIDED" and s["armed"], "armed GUIDED")
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    await b.state(lambda s: s["position"], "position")
+    point = wire.Setpoint(lease=lease, seq=1, deadline=time.time() + 2, pos=(200.0, 0.0, 0.0), vel=(1.0, 0.0, 0.0))
+    b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
+    await b.peer.count("SET_POSITION_TARGET_LOCAL_NED", 1)
+    told = b.peer.heard("SET_POSITION_TARGET_LOCAL_NED")[0].fields
+    assert 1.0 < math.hypot(told["vx"], told["vy"]) <= 2.0 + 1e-6
 
 
 def norths(told: Any) -> float:
@@ -156,7 +195,7 @@ def test_a_rover_is_brought_back_to_a_moving_place_and_never_turns_round_for_it(
     here = at()
 
     def told(metres: float, speed: float) -> tuple[float, float, float] | None:
-        return pursuit(msgspec.structs.replace(target(metres, 0.0), vel=(speed, 0.0, 0.0)), here).vel
+        return pursuit(msgspec.structs.replace(target(metres, 0.0), vel=(speed, 0.0, 0.0)), here, 30.0).vel
 
     assert told(0.0, 2.0) == pytest.approx((2.0, 0.0, 0.0), abs=1e-3)
     assert told(2.0, 1.0) == pytest.approx((2.4, 0.0, 0.0), abs=0.01)
@@ -164,4 +203,4 @@ def test_a_rover_is_brought_back_to_a_moving_place_and_never_turns_round_for_it(
     assert told(-3.0, 1.0) == (0.0, 0.0, 0.0)
     assert told(0.2, 0.0) == (0.0, 0.0, 0.0)
     assert told(-1.0, 0.0) == pytest.approx((-0.7, 0.0, 0.0), abs=0.01)
-    assert pursuit(place := target(90.0, 0.0), here) is place
+    assert pursuit(place := target(90.0, 0.0), here, 30.0) is place

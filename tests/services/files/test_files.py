@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.services.files.disk import PATIENCE_S, Disk, disk, noise
 from zmav import keys, wire
+from zmav.client import Answer
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink.ftp import Nak, Op, crc32
 from zmav.services.files.store import META, Store
-from zmav.vehicle.files import PART
+from zmav.vehicle.files import PART, Files
 from zmav.wire.files import CHUNK, MOST_CHUNKS, MOST_PUT
 
 if TYPE_CHECKING:
@@ -277,3 +279,27 @@ async def test_a_file_is_sent_again_only_where_the_vehicle_does_not_know_of_it(
         assert len(sizes) >= 2 + lost and len(unknown) >= lost
         assert sum(size > len(data) for size in sizes) <= 1 + len(unknown)
         assert all(size < 100 or size > len(data) for size in sizes)
+
+
+class Answering:
+    """What a download asks: the first answers come from somebody who makes them up."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.asked = data, 0
+
+    async def ask(self, key: str, payload: bytes, timeout: float, channel: keys.Channel, enough: Any) -> list[Answer]:
+        self.asked += 1
+        offsets = ("abc", "-1", "1e3", "9" * 5000) if self.asked == 1 else ("0",)
+        answers = [Answer(f"{key.removesuffix('*')}{offset}", self.data) for offset in offsets]
+        for answer in answers:
+            enough(answer)
+        return answers
+
+
+async def test_who_makes_up_chunks_ends_no_download(tmp_path: Path) -> None:
+    data, vehicle = b"0123456789", SimpleNamespace(fleet="demo", name="quad1")
+    client = Answering(data)
+    stored = wire.StoredFile(file="x", path="/x", size=len(data), crc32=crc32(data), t=0.0)
+    files = Files(vehicle, client)  # type: ignore[arg-type]
+    assert (await files.download(stored, tmp_path, "x", None)).read_bytes() == data
+    assert client.asked == 2

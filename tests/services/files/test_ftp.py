@@ -133,6 +133,27 @@ async def test_a_cancelled_transfer_closes_its_session(net: Net, onboard: StartO
         assert await d.v.files.cancel() is None
 
 
+async def test_what_is_cancelled_is_the_transfer_under_way_and_none_that_waits(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        d.put("/APM/f", noise(2_000_000))
+        other = d.put("/APM/g", noise(2_000))
+        under_way, waits = asyncio.Event(), asyncio.Event()
+        first = asyncio.ensure_future(
+            d.v.files.get("/APM/f", tmp_path / "f", lambda news: under_way.set() if news.get("bytes") else None)
+        )
+        await asyncio.wait_for(under_way.wait(), PATIENCE_S)
+        second = asyncio.ensure_future(
+            d.v.files.get("/APM/g", tmp_path / "g", lambda news: waits.set() if news.get("waiting_for") else None)
+        )
+        await asyncio.wait_for(waits.wait(), PATIENCE_S)
+        assert await d.v.files.cancel() == "getting /APM/f"
+        with pytest.raises(Refused, match="superseded"):
+            await first
+        assert (await second).read_bytes() == other
+
+
 async def test_half_a_file_is_not_left_behind(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
     async with disk(net, onboard, tmp_path) as d:
         d.storage.ftp.faults.refuse[Op.WRITE_FILE] = Nak.FAIL

@@ -248,6 +248,20 @@ async def test_a_later_order_supersedes_it(mission_bench: MissionBench) -> None:
     assert not b.vehicle.authority.control.claimed(Mover.ORDER)
 
 
+async def test_a_later_order_is_not_ended_by_one_that_was_judged_meanwhile(mission_bench: MissionBench) -> None:
+    """To judge a mission it is read first, which takes its time: who orders otherwise meanwhile has the last word."""
+    b, peer = await mission_bench("ardupilot")
+    await ready(b, peer)
+    answer, peer.on_mission_request_list = peer.on_mission_request_list, lambda told: None  # type: ignore[method-assign]
+    start = asyncio.create_task(b.ground.do("mission_start"))
+    await peer.count("MISSION_REQUEST_LIST", 1)
+    await b.ground.do("set_mode", mode="LOITER")
+    peer.on_mission_request_list = answer  # type: ignore[method-assign]
+    with pytest.raises(Refused, match="mission_start was overtaken"):
+        await start
+    assert peer.mode == LOITER
+
+
 async def test_what_cannot_be_begun(mission_bench: MissionBench) -> None:
     b, peer = await mission_bench("ardupilot")
     with pytest.raises(Refused, match="disarmed: arm it first"):

@@ -35,8 +35,33 @@ async def test_what_would_set_off_is_not_armed_by_a_bare_command(
     assert b.peer.commands(SET_MODE)[0].at < b.peer.commands(ARM)[0].at
 
 
-async def test_a_mode_that_nobody_knows_is_not_entered_by_a_bare_command(bench: StartBench) -> None:
+@pytest.mark.parametrize("function", [16.0, 153.0], ids=["AUTO", "arm or disarm"])
+async def test_a_switch_of_the_pilot_s_that_has_a_verb_is_not_turned_by_a_bare_command(
+    bench: StartBench, function: float
+) -> None:
+    """By it ArduPilot disarms in the air, too, and flies a mission whose places nobody has judged."""
+    b = await (await bench()).flying()
+    with pytest.raises(BadInput, match="arm, disarm and set_mode are orders"):
+        await b.ground.do("command", command="DO_AUX_FUNCTION", params={"param1": function, "param2": 0.0})
+    assert b.peer.commands(AUX_FUNCTION) == []
+    await b.ground.do("command", command="DO_AUX_FUNCTION", params={"param1": 19.0, "param2": 2.0})  # a gripper
+    assert b.peer.commands(AUX_FUNCTION)
+
+
+AUX_FUNCTION, STANDARD_MODE, MISSION = 218, 262, 6.0
+
+
+@pytest.mark.parametrize(
+    ("command", "number", "params"),
+    [
+        ("DO_SET_MODE", SET_MODE, {"param1": 1.0, "param2": 77.0}),
+        ("DO_SET_STANDARD_MODE", STANDARD_MODE, {"param1": MISSION}),  # whose places nobody would have judged
+    ],
+)
+async def test_a_mode_that_nobody_knows_is_not_entered_by_a_bare_command(
+    bench: StartBench, command: str, number: int, params: dict[str, float]
+) -> None:
     b = await (await bench()).flying()
     with pytest.raises(BadInput, match="set_mode enters one by its name"):
-        await b.ground.do("command", command="DO_SET_MODE", params={"param1": 1.0, "param2": 77.0})
-    assert b.peer.commands(SET_MODE) == []
+        await b.ground.do("command", command=command, params=params)
+    assert b.peer.commands(number) == []

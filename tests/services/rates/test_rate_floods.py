@@ -60,3 +60,15 @@ async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(bench: StartBenc
     demands.close()
     for each in held:
         each.undeclare()
+
+
+async def test_a_wish_for_next_to_nothing_keeps_no_other_from_being_asked_for(
+    bench: StartBench, one: StreamPeer
+) -> None:
+    """Its interval fits no field of MAVLink."""
+    b = await on(bench, one)
+    held = [token(b.ground, "ATTITUDE_QUATERNION", "1e-300", "slow-1"), token(b.ground, "VFR_HUD", 20, "late-1")]
+    await flows(one, "VFR_HUD", 20.0)
+    assert all(0 < interval < 2**31 for interval in one.asked("ATTITUDE_QUATERNION"))
+    for each in held:
+        each.undeclare()

@@ -44,6 +44,8 @@ ASKED_FOR = 30.0
 """s for which an order that gets no answer is sent again at most, and some more"""
 HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
 """... and those that may put something there, sooner or later"""
+BESIDE = ("disarm", "mission_current", "command")
+"""orders that leave the one that moves the vehicle, or is to arm it, under way"""
 
 
 class Authority:
@@ -76,7 +78,7 @@ class Authority:
         self.control = control
         self.pilot = Pilot(companion, commander, pilot_switch, control)
         self.leases = Leases(companion, may_take=control.check_pilot)
-        self.leader = PositionLeader(companion, control)
+        self.leader = PositionLeader(companion, control, bounds)
         self.watchdog = StreamWatchdog(
             companion, failsafe, counts, control, allowed=self.pilot.allowed, near=self.leader.near, aside=aside
         )
@@ -100,15 +102,13 @@ class Authority:
         """monotonic s at which each member gave its last such order, however long that was under way"""
         self._halted: dict[Origin, float] = {}
         """the same of its last hold, land or return"""
-        self.made_safe = 0
-        """counts the orders that make safe: one that waits since before such a one is overtaken"""
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
         self._handing: asyncio.Task[None] | None = None
         self._asked = -math.inf
         """monotonic s at which the watchdog asked for a mode last"""
         self._ordered_under = 0
-        """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
+        """the number of the lease under which the last such order was given; 0: it needed none, or is open to all"""
 
     def start(self) -> None:
         bus = self._bus
@@ -125,6 +125,8 @@ class Authority:
 
     def close(self) -> None:
         """End; a vehicle that follows a stream is told to hold."""
+        if self._handing is not None:
+            self._handing.cancel()
         self.setpoints.close()
         self.watchdog.close()
         self.leader.close()
@@ -157,7 +159,6 @@ class Authority:
 
         Returns the stream that it ended, for :meth:`failed`.
         """
-        self.made_safe += verb.access is Access.OPEN
         if verb.access is Access.OPEN and origin is not None:
             self._keep_order(verb, args, origin)
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
@@ -165,9 +166,9 @@ class Authority:
         self.taken_from = ""
         if verb.name in HOLDING_FIRST:
             self.watchdog.hold_now(f"{verb.name} was ordered", severity="info")
-        flown = None if _moves_nothing(verb, args) else self.watchdog.stop()
+        flown = None if moves_nothing(verb, args) else self.watchdog.stop()
         self.leader.stop()
-        if verb.name not in (*MOVING_NOTHING, "command"):
+        if verb.name not in BESIDE:
             self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
         self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
         if verb.access is Access.OPEN and not self.leases.holds(args.lease, origin):  # his next setpoint would undo it
@@ -212,7 +213,7 @@ class Authority:
         if self._handing is not None:
             self._handing.cancel()
         ours = self.control.ours or self.leases.holder is not None
-        flown = self.watchdog.stop()
+        flown = self.watchdog.stop(taken=True)
         self.leader.stop()
         self._commander.ordered = None  # if the pilot goes back to that mode, it is his
         if self._commander.under_way:
@@ -323,7 +324,7 @@ def _given(args: wire.Order, origin: Origin) -> float:
     return time.monotonic() - (waited if 0.0 <= waited <= ASKED_FOR else 0.0)
 
 
-def _moves_nothing(verb: Verb, args: wire.Order) -> bool:
+def moves_nothing(verb: Verb, args: wire.Order) -> bool:
     """What is held or acted on when it is given goes on: a speed, a camera, arming."""
     if isinstance(args, wire.RunCommand):
         name = _named(args.command)

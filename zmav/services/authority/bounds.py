@@ -21,12 +21,10 @@ from zmav.services.authority import limits as limit
 from zmav.services.authority.clearance import Clearance, Place
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
-from zmav.services.link.reported import fields_of, in_the_air
+from zmav.services.link.reported import FRESH, fields_of, in_the_air
 from zmav.services.missions.items import Raw
 from zmav.terrain import Ground
 
-FRESH = 2.0
-"""s: age up to which a position says where the vehicle is"""
 NO_FIX = 1_000_000
 """1e-7 degrees: as near to 0, 0 an autopilot is that does not know where it is"""
 WIDEN = "nobody has declared more for this vehicle: [geofence] and [limits] in its fleet file do"
@@ -223,6 +221,11 @@ class Bounds:
                 self._check_descent(lead, force)
 
     # How it is done.
+
+    @property
+    def most_speed(self) -> float:
+        """m/s over the ground: what is declared, or usual."""
+        return self._usual_limits.speed or math.inf
 
     @property
     def placed(self) -> bool:

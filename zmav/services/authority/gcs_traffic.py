@@ -22,6 +22,8 @@ STREAMED = (
     "SET_POSITION_TARGET_GLOBAL_INT",
     "SET_ACTUATOR_CONTROL_TARGET",
 )
+GUIDED_ITEMS, GUIDED = ("MISSION_ITEM", "MISSION_ITEM_INT"), (2, 3)
+"""and ``current`` of those that are no plan's: a place that ArduPilot flies to now, and a height"""
 SET_MODE = "SET_MODE"
 
 
@@ -38,6 +40,7 @@ class GcsTraffic:
         self._port, self._identity, self._leases, self._guard = companion.port, companion.identity, leases, guard
         by_name = companion.port.dialect.by_name
         self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
+        self._items = {by_name[name].id for name in GUIDED_ITEMS if name in by_name}
         self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
 
     def start(self) -> None:
@@ -53,7 +56,10 @@ class GcsTraffic:
         autopilot = self._identity.autopilot
         if autopilot is None or not makes_safe(frame, self._port.dialect, autopilot):
             self._guard()
-        if frame.msgid in self._streamed and self._leases.holder is not None:
+        if self._leases.holder is None:
+            return
+        guided = frame.msgid in self._items and decode(frame, self._port.dialect)["current"] in GUIDED
+        if guided or frame.msgid in self._streamed:
             raise self._leases.refusal()
 
     def _judge(self, frame: Frame) -> None:

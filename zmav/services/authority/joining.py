@@ -9,12 +9,10 @@ import math
 
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.port import Port
-from zmav.services.link.reported import fields_of
+from zmav.services.link.reported import FRESH, fields_of
 
 JOIN_M, JOIN_S = 5.0, 1.0
 """m, and s of the segment's own speed, by which a vehicle may be away from where a segment has it when it joins it"""
-FRESH = 2.0
-"""s: age up to which its position says where it is"""
 
 Place = tuple[float, float, float]
 """degrees north and east, m above the sea"""

@@ -18,9 +18,10 @@ from zmav import geo, wire
 from zmav.autopilots import Autopilot, Message, Target
 from zmav.autopilots.safety import flies_on
 from zmav.errors import ZmavError
+from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control, Mover
 from zmav.services.companion import Companion
-from zmav.services.link.reported import fields_of
+from zmav.services.link.reported import FRESH, fields_of
 
 AHEAD_M = 15.0
 AHEAD_S = 3.0
@@ -28,8 +29,6 @@ AHEAD_S = 3.0
 RENEW_HZ = 4.0
 CATCH_UP, SLOW, THERE_M = 0.7, 0.1, 0.3
 """1/s of what is missing that is added to the velocity; m/s below which a place stands; m within which it is reached"""
-FRESH_S = 2.0
-"""age up to which a position says where the vehicle is"""
 
 
 def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
@@ -51,9 +50,10 @@ def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
     return msgspec.structs.replace(target, **changes) if changes else target
 
 
-def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
+def pursuit(target: Target, position: Mapping[str, Any], most: float) -> Target:
     """The velocity over the ground that brings a vehicle which does not follow a moving place back to it: the target's
-    own, and a share of what is missing. It never turns round for a place that it has passed, but waits for it.
+    own, and a share of what is missing, ``most`` m/s altogether. It never turns round for a place that it has passed,
+    but waits for it.
     """
     if target.lat_deg is None or target.lon_deg is None or target.vel is None:
         return target
@@ -63,28 +63,32 @@ def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
     speed = math.hypot(vn, ve)
     n, e = vn + CATCH_UP * north, ve + CATCH_UP * east
     passed = n * vn + e * ve < 0.0 if speed > SLOW else math.hypot(north, east) < THERE_M
-    return Target(vel=(0.0, 0.0, 0.0) if passed else (n, e, 0.0))
+    share = min(1.0, most / math.hypot(n, e)) if n or e else 0.0
+    return Target(vel=(0.0, 0.0, 0.0) if passed else (share * n, share * e, 0.0))
 
 
 class PositionLeader:
     """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop.
 
-    ``control`` is asked before each target.
+    ``control`` is asked before each target; ``bounds`` say how fast it may go.
     """
 
-    def __init__(self, companion: Companion, control: Control) -> None:
-        self._port, self._identity, self._control = companion.port, companion.identity, control
+    def __init__(self, companion: Companion, control: Control, bounds: Bounds) -> None:
+        self._port, self._identity, self._control, self._bounds = companion.port, companion.identity, control, bounds
         self._task: asyncio.Task[None] | None = None
 
-    def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
-        """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity."""
+    def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target | None:
+        """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity.
+        None: nothing, for it does not say any more where it is; it stops where it was led last.
+        """
         if target.lat_deg is None or not flies_on(autopilot):
             return target
-        position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH_S)
-        if position is None:
-            return target
+        position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH)
+        if position is None:  # a point of a trajectory is near by itself, and moves on
+            lost = target.level == "position" and self._port.latest("GLOBAL_POSITION_INT", source) is not None
+            return None if lost else target
         if autopilot.on_surface and target.vel is not None:
-            return pursuit(target, position)
+            return pursuit(target, position, self._bounds.most_speed)
         return within_reach(target, position)
 
     def lead(self, target: Target) -> bool:
@@ -141,7 +145,7 @@ class PositionLeader:
                 return  # an agent flies it now
             now = self.near(autopilot, target, source)
             arrived += now is target
-            action = autopilot.goto(now)
+            action = autopilot.goto(now) if now is not None else None
             if isinstance(action, Message):
                 self._port.send(action.name, **action.addressed(*source))
             await asyncio.sleep(1.0 / RENEW_HZ)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from zmav import wire
 from zmav.errors import Refused
-from zmav.services.authority.authority import Authority
+from zmav.services.authority.authority import Authority, moves_nothing
 from zmav.services.orders.orders import Guarded, Report
 from zmav.trust.gate import Origin
-from zmav.verbs import Verb
+from zmav.verbs import Access, Verb
 
 Judge = Callable[[Any, Report], Awaitable[None]]
 
@@ -24,19 +25,23 @@ class OrderPermit:
 
     def __init__(self, authority: Authority, judges: Mapping[str, Judge]) -> None:
         self._authority, self._judges = authority, judges
+        self._came, self._newest = itertools.count(1), 0
+        """numbers the orders as they come, and of those begun that make the vehicle safe or move it the last to come"""
 
     def __call__(self, verb: Verb, handler: Guarded) -> Guarded:
         authority, judge = self._authority, self._judges.get(verb.name)
 
         async def permitted(args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
+            number = next(self._came)
             authority.allow(verb, args, origin)
             if judge is not None:
-                safe = authority.made_safe
                 await judge(args, report)  # which may take its time
-                if authority.made_safe != safe:
-                    raise Refused(f"{verb.name} was overtaken: the vehicle was told to hold, land or return meanwhile")
+                if self._newest > number:
+                    raise Refused(f"{verb.name} was overtaken: the vehicle was ordered otherwise meanwhile")
                 authority.allow(verb, args, origin)
             flown = authority.begin(verb, args, origin)
+            if verb.access is Access.OPEN or (verb.access is Access.MOVE and not moves_nothing(verb, args)):
+                self._newest = max(self._newest, number)
             try:
                 return await handler(args, report, origin)
             except Exception as e:

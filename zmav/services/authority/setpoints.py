@@ -92,11 +92,12 @@ class Setpoints:
         self._seq = -1
         self._lease = ""
         self._waiting: collections.deque[Heard] = collections.deque(maxlen=MOST_WAITING)
+        self._judging = False
         self._intake: Intake | None = None
 
     def start(self) -> None:
         key = keys.SETPOINT.key(self._port.fleet, self._port.name, agent="*")
-        wake = on_loop(asyncio.get_running_loop(), self._next)
+        wake = on_loop(asyncio.get_running_loop(), self._wake)
 
         def take(samples: list[zenoh.Sample]) -> None:
             for sample in samples:
@@ -110,6 +111,7 @@ class Setpoints:
     def close(self) -> None:
         if self._intake is not None:
             self._intake.close()
+            self._intake = None
 
     def _sealed(self, sample: zenoh.Sample) -> Heard | None:
         """A setpoint with a seal that we know; None: dropped. On the intake's thread."""
@@ -121,17 +123,24 @@ class Setpoints:
             self._drop(agent, e)
             return None
 
+    def _wake(self) -> None:
+        if not self._judging:
+            self._next()
+
     def _next(self) -> None:
-        """Judge what waits."""
-        while self._waiting:
-            heard = self._waiting.popleft()
-            try:
-                point = wire.decode(heard.payload, wire.Setpoint, f"setpoint of {heard.agent}")
-                # Now and not when it came: the lease may have passed to another since.
-                in_force = not self._only_sealed or (heard.secret != b"" and heard.secret == self._leases.secret)
-                self.counts.add("flown" if self._fly(point, in_force) else "engaging")
-            except ZmavError as e:
-                self._drop(heard.agent, e)
+        """Judge one of those that wait, and the next when others have had their turn: a segment takes its time."""
+        self._judging = bool(self._waiting) and self._intake is not None  # else nobody watches over it any more
+        if not self._judging:
+            return
+        heard = self._waiting.popleft()
+        asyncio.get_running_loop().call_soon(self._next)
+        try:
+            point = wire.decode(heard.payload, wire.Setpoint, f"setpoint of {heard.agent}")
+            # Now and not when it came: the lease may have passed to another since.
+            in_force = not self._only_sealed or (heard.secret != b"" and heard.secret == self._leases.secret)
+            self.counts.add("flown" if self._fly(point, in_force) else "engaging")
+        except ZmavError as e:
+            self._drop(heard.agent, e)
 
     def _drop(self, agent: str, error: ZmavError) -> None:
         self.counts.add(why := str(error.detail.get("count", error.code)))

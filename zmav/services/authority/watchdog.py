@@ -71,6 +71,8 @@ class StreamWatchdog:
         self._repeated = CommandRepeats()
         self._step = Step.IDLE
         self._flown: ActiveStream | None = None
+        self._lost: ActiveStream | None = None
+        """what flew until a mode came that was not ordered here: for :meth:`stop`, once somebody judges that mode"""
         self._since = 0.0
         """when what is held was last fresh"""
         self._due = math.inf
@@ -118,7 +120,7 @@ class StreamWatchdog:
             follows = self._step is Step.FRESH and self._dodging is not self._flown
             flown.check_joined(self._port, self._flown if follows else None)
             now, step = time.monotonic(), self._step
-            before, self._flown = self._flown, flown
+            before, self._flown, self._lost = self._flown, flown, None
             if before is not None:
                 self._let_go(before, flown)
             if mode == flown.mode:
@@ -176,14 +178,16 @@ class StreamWatchdog:
             self._dodging = self._flown if self._dodging is flown else self._dodging
             self._wake(self._next(time.monotonic()))
 
-    def stop(self) -> ActiveStream | None:
+    def stop(self, *, taken: bool = False) -> ActiveStream | None:
         """The stream is over on purpose: an order or the pilot moves the vehicle now, or it has landed. Once this
-        returns nothing more is sent, and what was overridden is given back. Returns what was flown, held or given up.
+        returns nothing more is sent, and what was overridden is given back. Returns what was flown, held or given up,
+        of a vehicle that was ``taken`` also what ended with its mode before anybody judged that.
         """
         with self._changed:
             flown = None if self._first else self._flown  # nothing flies by that yet
+            lost = self._lost if taken else None
             self._end()
-            return flown
+            return flown or lost
 
     def hold(self, flown: ActiveStream, why: str) -> None:
         """Hold what nothing moves any more, while nothing else is flown; land_after counts from now."""
@@ -233,7 +237,7 @@ class StreamWatchdog:
             if now >= flown.until:
                 return now + 0.05
             waited = max(self._asked + ASK_EVERY, self._engages)
-            return min(flown.until, max(now, waited), now + (period if self._streams(flown) else 0.05))
+            return min(flown.until, max(now, waited), now + (period if flown.autopilot.engage_after > 0.0 else 0.05))
         return now + HOLD_EVERY
 
     def _tick(self, now: float) -> None:
@@ -241,7 +245,9 @@ class StreamWatchdog:
         if flown is None:
             return
         if not self._ours():
+            ended = None if self._first else flown
             self._end()
+            self._lost = ended
         elif self._step is Step.FRESH:
             lost = isinstance(flown.what, Segment) and self._shown().mode != flown.mode
             if now >= (flown.until if lost else flown.holds_at):
@@ -284,7 +290,7 @@ class StreamWatchdog:
             self._enter(Step.FRESH)
             self._send()
         else:
-            if self._streams(flown):
+            if flown.autopilot.engage_after > 0.0:
                 self._send()
             if self._step is not Step.ENGAGING:
                 return  # it was moved aside
@@ -435,7 +441,7 @@ class StreamWatchdog:
         if self._flown is not None and self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due, self._flew_under = Step.IDLE, None, math.inf, 0
-        self._dodging = None
+        self._dodging = self._lost = None
         self._control.leave(self)
         self._changed.notify_all()
 
@@ -458,9 +464,6 @@ class StreamWatchdog:
         self._port.bus.tell(ModeRequested(mode))
         self._give(self._flown.autopilot.mode(mode).command)
 
-    def _streams(self, flown: ActiveStream) -> bool:
-        return self._step is Step.FRESH or flown.autopilot.engage_after > 0.0
-
     def _send(self) -> bool:
         """The setpoint as it is now; False where the link does not take it."""
         flown = self._flown
@@ -472,12 +475,10 @@ class StreamWatchdog:
             self._hold("moved aside from the segment", left=True)
             return True
         self._dodging = None
-        target = future(flown)(0.0)
-        sent = True
-        for action in flown.autopilot.setpoint(self._near(flown.autopilot, target, flown.source)):
-            if self._repeated.due(action, time.monotonic()):
-                sent = self._give(action) and sent
-        return sent
+        target = self._near(flown.autopilot, future(flown)(0.0), flown.source)
+        actions = [] if target is None else flown.autopilot.setpoint(target)
+        sent = [self._give(action) for action in actions if self._repeated.due(action, time.monotonic())]
+        return all(sent)
 
     def _dodge(self, flown: ActiveStream, target: Target, whom: str) -> bool:
         if self._dodging is None:

@@ -39,7 +39,8 @@ class Files:
         companion.questions.declare(keys.FILE.key(**key), self._on_info)
         companion.questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
         self.ftp, self.store = ftp, store
-        self._under_way: asyncio.Task[Any] | None = None
+        self._transfers: list[asyncio.Task[Any]] = []
+        """that have not ended, in their order: one is under way, and the others wait"""
 
     @property
     def handlers(self) -> dict[str, Handler]:
@@ -81,11 +82,10 @@ class Files:
 
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
-        what = self.ftp.under_way
-        if self._under_way is None:
-            return {"cancelled": None}
-        self._under_way.cancel()
-        return {"cancelled": what or "a transfer"}
+        task, what = self.ftp.under_way
+        if task not in self._transfers:
+            task, what = next(iter(self._transfers), None), "a transfer"
+        return {"cancelled": what if task is not None and task.cancel() else None}
 
     async def _change(self, op: Op, args: wire.FilePath, report: Report) -> dict[str, Any]:
         await self.ftp.change(op, args.path, report)
@@ -96,14 +96,13 @@ class Files:
     async def transfer(self, work: Coroutine[Any, Any, T]) -> T:
         """See ``work`` through as the transfer that ``file_cancel`` ends."""
         task = asyncio.ensure_future(work)
-        self._under_way = task
+        self._transfers.append(task)
         try:
             return await task
         finally:
             task.cancel()
             await asyncio.wait({task})
-            if self._under_way is task:
-                self._under_way = None
+            self._transfers.remove(task)
 
     async def fetch(self, path: str, report: Report) -> wire.StoredFile:
         """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with."""

@@ -11,7 +11,7 @@ import contextlib
 import random
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut
@@ -146,14 +146,15 @@ class Ftp:
         self._port, self._identity = companion.port, companion.identity
         self._turn = asyncio.Lock()
         self._what = ""
+        self._holder: asyncio.Task[Any] | None = None
         self._seq = random.randrange(1 << 16)  # not where another run of ours ended
         self._dirty = True
         """a session of ours may still be open there, from before"""
 
     @property
-    def under_way(self) -> str:
-        """What is being done, in words; empty: nothing."""
-        return self._what if self._turn.locked() else ""
+    def under_way(self) -> tuple[asyncio.Task[Any] | None, str]:
+        """Whose turn it is, and what is being done, in words; None, and empty: nobody's."""
+        return (self._holder, self._what) if self._turn.locked() else (None, "")
 
     async def list(self, path: str, report: Report) -> list[wire.FileEntry]:
         """The entries of a directory, as the server orders them, without ``.`` and ``..``."""
@@ -232,7 +233,7 @@ class Ftp:
         if self._turn.locked():
             report({"waiting_for": self._what})
         async with self._turn:
-            self._what = what
+            self._what, self._holder = what, asyncio.current_task()
             report({"waiting_for": None})
             yield await self._heard()
 

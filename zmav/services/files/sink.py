@@ -70,7 +70,7 @@ class Sink(Protocol):
 
 
 class TransferMeter:
-    """Counts bytes into a report of ``bytes``, ``size`` and ``rate`` in bytes/s.
+    """Counts bytes into a report of ``bytes``, ``size`` and ``rate`` in bytes/s, a few times a second and at the end.
 
     ``have``: what was there already, and is no merit of this transfer's rate.
     """
@@ -83,7 +83,7 @@ class TransferMeter:
     def add(self, count: int) -> None:
         self._bytes += count
         now = time.monotonic()
-        if now - self._reported >= REPORT_EVERY:
+        if now - self._reported >= REPORT_EVERY or self._bytes >= self._size:
             self._reported = now
             self._report({"bytes": self._bytes, "size": self._size, "rate": round(self.rate)})
 

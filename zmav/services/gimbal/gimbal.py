@@ -26,7 +26,7 @@ from zmav.services.authority.pilot import UNHEARD
 from zmav.services.authority.targets import MAX_ANGLE, number, resolve
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
-from zmav.services.link.reported import fields_of
+from zmav.services.link.reported import FRESH, fields_of
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Handler, Report
 from zmav.waiting import within
@@ -46,8 +46,6 @@ KNOWN = 10.0
 """s for which a gimbal that was found is not looked for again"""
 PERIOD = 0.2
 """s between two sets of angles, while it looks at a place"""
-FRESH = 2.0
-"""s: age up to which a position says where somebody is"""
 HEARD = 3.0
 """s for the vehicle to be heard that is to be looked at"""
 STICKS = (212.0, 213.0, 214.0)

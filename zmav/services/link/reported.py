@@ -12,6 +12,8 @@ from zmav.services.link.port import Port
 
 INTENTION_LASTS = 1.0
 """s for which an intention once told is taken for the present one; it comes many times a second, or is not relied on"""
+FRESH = 2.0
+"""s: age up to which a message says how things are: a position, where somebody is"""
 IN_THE_AIR = (2, 3, 4)
 """MAV_LANDED_STATE: in the air, taking off, landing"""
 

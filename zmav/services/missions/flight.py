@@ -74,11 +74,14 @@ class MissionFlight:
 
     async def judge_command(self, command: Command, force: bool, report: Report) -> None:
         """The commands that fly a mission, or land by it, lead where the mission does; one that enters a mode, as
-        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known.
+        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known, and for a pilot's switch that
+        has an order.
         """
         if command.name in FLIES:
             await self._judge_flown(force, report)
-        elif command.name == "MAV_CMD_DO_SET_MODE":
+        elif command.name == "MAV_CMD_DO_AUX_FUNCTION" and command.params[0] in self._do.autopilot().switches:
+            raise BadInput.wrong("param1", command.params[0], "another function: arm, disarm and set_mode are orders")
+        elif command.name in ("MAV_CMD_DO_SET_MODE", "MAV_CMD_DO_SET_STANDARD_MODE"):
             autopilot = self._do.autopilot()
             mode = autopilot.mode_by(command)
             if mode is not None:

@@ -64,9 +64,8 @@ class TriggeredCamera:
             raise Refused(text, vehicle=self._port.name, param=first)
         ending = self._ending is not None and self._ending.cancel()
         on, self._latest = bool(args.lease) and args.distance > 0.0, args
-        self._leased = (
-            self._leased or ending or on
-        )  # one that is not seen to stop is told so once more when the lease ends
+        # One that is not seen to stop is told so once more when the lease ends.
+        self._leased = self._leased or ending or on
         await self._do.command(_every(args.distance), report)
         if self._latest is args:
             self._leased = on

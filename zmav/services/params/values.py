@@ -164,10 +164,7 @@ class ParamSet:
         """All of it, by index; names whose index is not known come last."""
         # "complete" is read first: what is copied afterwards is no less.
         t, complete, count = self.confirmed, self.complete, self.count or 0
-        by_index, entries = (
-            self._names.copy(),
-            self.entries.copy(),
-        )  # both grow meanwhile
+        by_index, entries = self._names.copy(), self.entries.copy()  # both grow meanwhile
         ordered = [name for _, name in sorted(by_index.items()) if name in entries]
         params = [_param(name, entries[name], encoding) for name in dict.fromkeys([*ordered, *sorted(entries)])]
         return wire.ParamTable(

@@ -34,6 +34,8 @@ OWN = {"SYSTEM_TIME": 0.2}
 SET_INTERVAL = "MAV_CMD_SET_MESSAGE_INTERVAL"
 DEFAULT = 0.0
 """the interval that stands for whatever the autopilot does unasked"""
+LONGEST = 2e9
+"""µs: half an hour, which autopilots can keep (32 bits)"""
 SILENT = 1.2
 """s after which what is not heard, and may come by itself, is taken not to"""
 ANSWER = 0.5
@@ -230,7 +232,7 @@ class Rates:
         standing = self._standing.setdefault(target.name, RequestedRate())
         rate = standing.rate(target)
         had, standing.asked = standing.asked, rate  # from now on it is to be put back, whatever comes in between
-        result = await self._set_interval(source, target.name, 1e6 / rate)
+        result = await self._set_interval(source, target.name, min(1e6 / rate, LONGEST))
         standing.since, standing.forgotten = time.monotonic(), False
         standing.not_before = standing.since + standing.pause + 3.0 / rate
         standing.pause = min(2.0 * standing.pause, self.unanswered_pause if result is None else LONGEST_PAUSE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import time
-from typing import Any
+from typing import Any, get_args
 
 import zenoh
 import zenoh.ext
@@ -16,18 +16,8 @@ from zmav.mavlink.statustext import Text, TextJoiner
 from zmav.ratelimit import RateLimit
 from zmav.trust.proof import Signer
 
-SEVERITIES: tuple[wire.Severity, ...] = (
-    "emergency",
-    "alert",
-    "critical",
-    "error",
-    "warning",
-    "notice",
-    "info",
-    "debug",
-)
-
-
+SEVERITIES: tuple[wire.Severity, ...] = get_args(wire.Severity)
+"""by MAV_SEVERITY"""
 LIMITS = 256
 """names of limits that are told apart within a second"""
 

@@ -57,9 +57,8 @@ class StateService:
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
-        self._questions.declare(
-            self._key, lambda query: self._answer(query, loop), admit=anybody
-        )  # it is published, too
+        # Anybody may ask: it is published, too.
+        self._questions.declare(self._key, lambda query: self._answer(query, loop), admit=anybody)
         self._batteries.start()
         if self._signer is not None:
             key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
