@@ -147,7 +147,7 @@ def land(
     if len(at) != len(views):
         text = f"{len(at)} places to land for {len(views)} vehicles"
         raise BadInput(text, field="at", value=len(at), expected=f"{len(views)}, or none")
-    spots = [(float(n), float(e), max(ground)) for n, e in at]
+    spots = [(float(n), float(e), min(ground)) for n, e in at]  # as high as the highest ground, which is the least down
     for i, j in combinations(range(len(spots)), 2):
         keep = sum(sorted(view.body.radius for view in views)[-2:])
         if math.dist(spots[i], spots[j]) < keep:

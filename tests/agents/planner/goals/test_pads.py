@@ -151,6 +151,9 @@ def test_given_spots_go_to_whoever_is_near() -> None:
         with pytest.raises(BadInput, match=words) as raised:
             pads.land(views, at)
         assert raised.value.detail["field"] == "at"
+    hill = [*views, view("h", (60.0, 0.0, -40.0), up=True, home=(60.0, 0.0, -20.0))]
+    plan, _ = landing(pads.land(hill, [(28.0, 1.0), (2.0, 1.0), (59.0, 0.0)]))
+    assert plan.places[:, 2].min() > 20.0, "nobody waits below the highest ground that is known"
     with pytest.raises(Unsupported, match="p"):
         pads.land([view("p", (0.0, 0.0, -60.0), "plane", up=True)])
 
