@@ -18,6 +18,7 @@ from agents.planner.model.scene import Bounds, Box, Obstacle, Scene, Vehicle
 from agents.planner.model.separation import separation
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.verify import verify
+from agents.planner.solve import jit
 from agents.planner.solve.pipeline import solve
 from tests.agents.planner.checker import check
 from tests.agents.planner.generate import CLASSES, as_json
@@ -162,6 +163,24 @@ def test_a_mover_on_a_start_or_a_goal_is_named(first: float, last: float, kind: 
     with pytest.raises(PlanError) as caught:
         solve(scene, movers=[block])
     assert (caught.value.kind, caught.value.ids) == (kind, [scene.vehicles[1].id])
+
+
+def test_where_a_mover_was_before_does_not_count() -> None:
+    """Who is on its way home has begun before the plan: its first place was taken for where it is."""
+    scene = CLASSES["swap_circle"](4, 0)
+    (x, y, z), up = scene.vehicles[1].start, scene.bounds.max[2] + 50.0
+    gone = MovingObstacle("gone", np.array([[-60.0, x, y, z], [-1.0, x, y, up], [9.0, x, y, up]]), 0.5)
+    plan = solve(scene, movers=[gone])
+    assert verify(scene, plan.trajectories, [gone]).ok
+
+
+def test_a_wait_for_the_compiler_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, waited = time.monotonic, [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock() + waited[0])
+    monkeypatch.setattr(jit, "wait_for", lambda part: waited.append(waited.pop() + 1e6))
+    scene = CLASSES["tunnel"](8, 0)
+    assert faults(scene, solve(scene)) == set()
+    assert waited[0] > 0.0, "nobody had to wait for it"
 
 
 def test_a_map_from_before_is_used_again() -> None:
