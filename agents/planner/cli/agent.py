@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import click
 
 import zmav
-from agents.planner.cli.numbers import refuse_nan
+from agents.planner.cli.numbers import refuse_endless
 from mesh.cli.options import file_option, own_name
 from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
@@ -25,7 +25,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def _number(name: str, least: float, most: float, default: float, text: str) -> Callable[[F], F]:
     within = click.FloatRange(least, most)
-    return click.option(name, type=within, callback=refuse_nan, default=default, show_default=True, help=text)
+    return click.option(name, type=within, callback=refuse_endless, default=default, show_default=True, help=text)
 
 
 @click.command("planner")

@@ -51,6 +51,17 @@ class Planner:
                 raise BadInput(text, field="vehicles", value=pattern, expected=known)
         return found
 
+    def one_each(self, patterns: list[str]) -> list[str]:
+        """The vehicle of each pattern. Raises :class:`BadInput` for one that means none, several, or another's."""
+        found: list[str] = []
+        for pattern in patterns:
+            meant = self.names([pattern])
+            if len(meant) > 1 or meant[0] in found:
+                text = f"{pattern} means {', '.join(meant)}: give each vehicle one place, by its own name"
+                raise BadInput(text, field="vehicles", value=pattern, expected="each vehicle once")
+            found += meant
+        return found
+
     async def order(self, verb: str, order: wire.Order) -> dict[str, Any]:
         """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
         order = msgspec.structs.replace(order, id=uuid.uuid4().hex)

@@ -111,9 +111,8 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, ti
         raise click.UsageError("where to? 'quad1=NORTH,EAST,ALT ...', or --to for each place")
 
     def make(planner: Planner) -> swarm.Goal:
-        found = planner.names(names)
-        wanted = places or list(to)
-        return swarm.GoTo(vehicles=found, to=wanted, labelled=not unlabelled, tight=tight)
+        found = planner.one_each(names) if places else planner.names(names)
+        return swarm.GoTo(vehicles=found, to=places or list(to), labelled=not unlabelled, tight=tight)
 
     return make
 

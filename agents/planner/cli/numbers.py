@@ -7,8 +7,8 @@ import math
 import click
 
 
-def refuse_nan(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Callback of an option: no range of click's leaves out NaN, and every comparison with it would pass or fail."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter(f"{value} is not a number.", context, parameter)
+def refuse_endless(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """Callback of an option: no range of click's leaves out NaN, and one without a greatest number takes infinity."""
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is no finite number.", context, parameter)
     return value

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 import msgspec
 
-from agents.planner.cli.numbers import refuse_nan
+from agents.planner.cli.numbers import refuse_endless
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Plan, encode, read_plan, write_plan
 from agents.planner.model.scene import Scene, read_scene
@@ -62,14 +62,14 @@ class Request:
 @click.option(
     "--seconds",
     type=click.FloatRange(min=0.0, min_open=True),
-    callback=refuse_nan,
+    callback=refuse_endless,
     help="Of the processor, to search at most; by the clock four times as long. [default: by N]",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
 @click.option(
     "--margin",
     type=click.FloatRange(min=0.0),
-    callback=refuse_nan,
+    callback=refuse_endless,
     default=0.0,
     show_default=True,
     help="Metres that two vehicles keep on top of their radii.",

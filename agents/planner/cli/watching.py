@@ -17,14 +17,16 @@ from zmav.wire import swarm
 SILENCE = 3.0
 GIVE_UP = 60.0
 """s without a book after which nobody is waited for any more: a standby has taken over long before"""
+MISSED = 10
+"""books without the goal, one a second or more, after which nobody knows it: the first few may be older than it"""
 
 
 async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEntry:
     """Say each change of the goal until it has ended; how it did.
 
-    Raises :class:`TimedOut` when no planner is heard any more.
+    Raises :class:`TimedOut` when no planner is heard any more, or the one in charge does not have the goal.
     """
-    before, silent = ("", ""), 0.0
+    before, silent, missed = ("", ""), 0.0, 0
     async for book in books(z, SILENCE):
         if book is None:
             silent += SILENCE
@@ -32,13 +34,17 @@ async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEnt
                 raise TimedOut(f"no planner was heard for {silent:.0f} s; nobody flies the goal on")
             click.echo(f"no planner heard for {silent:.0f} s", err=True)
             continue
-        silent = 0.0
+        silent, missed = 0.0, missed + 1
         for entry in (entry for entry in book.goals if entry.id == name):
+            missed = 0
             if (entry.state, entry.text) != before:
                 tell(as_json, msgspec.to_builtins(entry), line(entry))
             before = (entry.state, entry.text)
             if entry.state in ENDED:
                 return entry
+        if missed >= MISSED:
+            text = f"{name} is not in the book of {book.planner}, which is in charge: look at 'zmav swarm list --all'"
+            raise TimedOut(f"{text}, and give the goal again if it was not flown", goal=name)
     raise AssertionError("books never end")
 
 

@@ -29,18 +29,8 @@ SKY = 500.0
 """m above the origin: as high as planes are stacked"""
 Free = Callable[[Vector, float], bool]
 """is told a place (NED) and a radius: whether it is clear of all obstacles, and inside"""
-
-
 Approach = Callable[[Vector], float]
 """is told a landing place (NED): m above it of the lowest hover before the landing"""
-
-
-def _low(spot: Vector) -> float:
-    return APPROACH
-
-
-def _anywhere(place: Vector, radius: float) -> bool:
-    return True
 
 
 def keep_of(a: VehicleView, b: VehicleView) -> float:
@@ -74,7 +64,7 @@ def stacked(
     return lifts
 
 
-def takeoff(views: Sequence[VehicleView], height: float, downwash: float = 1.0, free: Free = _anywhere) -> list[Step]:
+def takeoff(views: Sequence[VehicleView], height: float, downwash: float, free: Free) -> list[Step]:
     """Everybody to ``height`` m above the place they stand on.
 
     Columns too near each other: the highest of a stack first; then all move to places apart at the height wanted.
@@ -111,11 +101,7 @@ def _in_the_way(a: VehicleView, place_a: Vector, b: VehicleView, place_b: Vector
 
 
 def land(
-    views: Sequence[VehicleView],
-    at: Sequence[Corner] = (),
-    downwash: float = 1.0,
-    free: Free = _anywhere,
-    approach: Approach = _low,
+    views: Sequence[VehicleView], at: Sequence[Corner], downwash: float, free: Free, approach: Approach
 ) -> list[Step]:
     """Onto the places ``at``, whichever gets which, or below each, or where there is room near by. Who stands on the
     ground has landed: it is told to where its motors still run.
@@ -147,7 +133,7 @@ def land(
     if len(at) != len(views):
         text = f"{len(at)} places to land for {len(views)} vehicles"
         raise BadInput(text, field="at", value=len(at), expected=f"{len(views)}, or none")
-    spots = [(float(n), float(e), max(ground)) for n, e in at]
+    spots = [(float(n), float(e), min(ground)) for n, e in at]  # as high as the highest ground, which is the least down
     for i, j in combinations(range(len(spots)), 2):
         keep = sum(sorted(view.body.radius for view in views)[-2:])
         if math.dist(spots[i], spots[j]) < keep:
@@ -157,7 +143,7 @@ def land(
     return down_to(views, [spots[k] for k in nearest], downwash, approach)
 
 
-def home(views: Sequence[VehicleView], downwash: float = 1.0, approach: Approach = _low) -> list[Step]:
+def home(views: Sequence[VehicleView], downwash: float, approach: Approach) -> list[Step]:
     """Each to where it took off, and down there: those whose pads are near each other one after another.
 
     Planes circle above their homes, at heights of their own; rovers drive there. Raises :class:`Refused` for a vehicle

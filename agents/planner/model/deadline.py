@@ -33,6 +33,10 @@ class Deadline:
         soon = Deadline.after(seconds)
         return Deadline(min(self.processor, soon.processor), min(self.wall, soon.wall))
 
+    def later(self, seconds: float) -> Deadline:
+        """This one after a wait of so long, which took nothing of the processor and does not count by the clock."""
+        return Deadline(self.processor, self.wall + seconds)
+
     def left(self) -> float:
         """s of the processor; what the clock leaves where that is less. Negative when it is over."""
         return min(self.processor - time.thread_time(), self.wall - time.monotonic())

@@ -12,6 +12,7 @@ import numpy as np
 
 from agents.planner.model.errors import Code, PlanError
 from agents.planner.model.problem import Motion
+from agents.planner.model.scene import LARGEST, read_file
 from zmav.errors import BadInput
 
 Sample = tuple[float, float, float, float]
@@ -86,10 +87,10 @@ def encode(plan: Plan) -> bytes:
     return msgspec.json.encode(plan) + b"\n"
 
 
-def read_plan(path: str | Path) -> Plan:
+def read_plan(path: str | Path, largest: int = LARGEST) -> Plan:
     """A plan file of anyone's. Raises :class:`BadInput` that names the field and what is wrong."""
     try:
-        data = Path(path).read_bytes()
+        data = read_file(path, largest)
     except OSError as e:
         raise BadInput(f"cannot read {path}: {e.strerror}", field="plan", value=str(path)) from e
     try:

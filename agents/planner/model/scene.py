@@ -6,6 +6,7 @@ know are left alone everywhere: files say more of themselves than a planner need
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -135,13 +136,18 @@ def name_of(scene: Scene, obstacle: int) -> str:
 def read_scene(path: str | Path, largest: int = LARGEST) -> Scene:
     """The scene of a file. Raises :class:`PlanError` (``invalid_scene``) that names the field and what is wrong."""
     try:
-        with Path(path).open("rb") as file:
-            data = file.read(largest + 1)
+        return parse_scene(read_file(path, largest))
     except OSError as e:
         raise PlanError("invalid_scene", [], f"cannot read {path}: {e.strerror}") from e
+
+
+def read_file(path: str | Path, largest: int = LARGEST) -> bytes:
+    """What is in a text file, without a byte order mark. Raises :class:`OSError`, also for more than ``largest``."""
+    with Path(path).open("rb") as file:
+        data = file.read(largest + 1)
     if len(data) > largest:
-        raise PlanError("invalid_scene", [], f"{path} has more than {largest >> 20} MB")
-    return parse_scene(data.removeprefix(b"\xef\xbb\xbf"))
+        raise OSError(errno.EFBIG, f"it has more than {largest >> 20} MB")
+    return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def parse_scene(data: bytes) -> Scene:

@@ -191,16 +191,12 @@ def _limits(v: Vehicle, motion: Motion) -> list[Fault]:
     more = 1.0 + SPEED
     up = v.vmax if v.vz_up is None else v.vz_up
     down = v.vmax if v.vz_down is None else v.vz_down
+    most = v.amax * (1.0 + ACCELERATION) + ACCELERATION
     rules: list[tuple[FaultKind, float, float, str]] = [
         ("speed", found[0, 0], v.vmax * more, "flies {:.3f} m/s, {:.3f} are allowed"),
         ("climb", found[1, 0], up * more, "climbs {:.3f} m/s, {:.3f} are allowed"),
         ("descent", found[2, 0], down * more, "descends {:.3f} m/s, {:.3f} are allowed"),
-        (
-            "acceleration",
-            found[3, 0],
-            v.amax * (1.0 + ACCELERATION) + ACCELERATION,
-            "accelerates by {:.3f} m/s², {:.3f} are allowed",
-        ),
+        ("acceleration", found[3, 0], most, "accelerates by {:.3f} m/s², {:.3f} are allowed"),
         ("sampling", found[4, 0], 0.2, "is {:.3f} s without a sample while it moves, {:.3f} are allowed"),
     ]
     faults = []

@@ -106,8 +106,10 @@ class Finder:
                     continue
                 for delay in DELAYS:
                     way = first.at(ready + delay)
-                    if way.ends > most or tries == 0:
+                    if way.ends > most:
                         break
+                    if tries == 0:
+                        return None
                     tries -= 1
                     who = self._futures.in_the_way_of(self._vehicle, way, self._need, self._room.movers)
                     if who is None:

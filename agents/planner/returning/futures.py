@@ -65,12 +65,8 @@ class Futures:
         ways = self.stored.get(vehicle)
         if not ways or stamp is None:
             return
-        on = next((i for i, each in enumerate(ways) if stamp in each.stamps), None)
-        if on is not None and on > 0:
-            del ways[:on]
-            on = 0
-        kept = [each for i, each in enumerate(ways) if i == on or not _refused(each, stamp, said)]
-        if len(kept) < len(ways) and kept:
+        on = next((i for i, each in enumerate(ways) if stamp in each.stamps), 0)
+        if kept := [each for each in ways[on:] if not _refused(each, stamp, said)]:
             self.stored[vehicle] = kept
 
     def forget(self, vehicle: str) -> None:

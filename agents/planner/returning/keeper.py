@@ -139,7 +139,9 @@ class ReturnKeeper:
             return StoredWay(None, part.need, ends, entry=entry)
         need = need_of(part, SHARE * one.pace.speed, LASTING)
         before = self.last[part.id].corners[-1] if part.id in self.last else None
-        added = self._add([(who.id, wanted) for who, wanted, _ in self._wishes.values() if who.id != part.id])
+        added = [(who.id, wanted) for who, wanted, _ in self._wishes.values() if who.id != part.id]
+        for other, wanted in added:  # where others want to go counts as if they were about to
+            self.futures.fresh.setdefault(other, []).append(wanted)
         try:
             others = [each.home for name, each in who.items() if name != part.id]
             room, busy = self._around_all(need), self._busy_for(part.id, now)
@@ -167,12 +169,6 @@ class ReturnKeeper:
         if vehicle not in self._told and now - since >= PATIENT:
             self._told.add(vehicle)
             self._tell(vehicle, why)
-
-    def _add(self, wished: Sequence[tuple[str, Entry]]) -> list[tuple[str, Entry]]:
-        """Where others want to go counts as if they were about to."""
-        for who, entry in wished:
-            self.futures.fresh.setdefault(who, []).append(entry)
-        return list(wished)
 
     def _layer(self, vehicle: str) -> int:
         if vehicle not in self._layers:

@@ -20,6 +20,7 @@ from agents.planner.model.problem import (
     MovingObstacle,
     Path,
     Problem,
+    places_at,
     problem_of,
 )
 from agents.planner.model.scene import Scene
@@ -188,7 +189,9 @@ class Pipeline:
             return Refined(None) if motions is None else shorter(refine(problem, world, motions, until))
 
         yield direct(0, FACTORS[:2], half(self.deadline), CROWDED)
+        before = time.monotonic()
         jit.wait_for("discrete")
+        self.deadline = self.deadline.later(time.monotonic() - before)
         queue = queued()
         if queue.motions is not None:
             if queue.seconds > LONG * least:
@@ -205,10 +208,13 @@ def half(deadline: Deadline) -> Deadline:
 
 
 def clear_of_movers(problem: Problem) -> None:
-    """Raises :class:`PlanError` where a mover begins on a vehicle's start, or stays for good on a vehicle's goal."""
+    """Raises :class:`PlanError` where a mover is on a vehicle's start at first, or stays for good on a vehicle's goal.
+
+    What it did before, at times below 0, does not count.
+    """
     scale = np.array([1.0, 1.0, 1.0 / problem.downwash])
     for mover in problem.movers:
-        kinds: list[tuple[Code, Floats, Floats]] = [("starts_overlap", problem.start, mover.motion[0, 1:])]
+        kinds: list[tuple[Code, Floats, Floats]] = [("starts_overlap", problem.start, places_at(mover.motion, 0.0))]
         if not mover.leaves:
             kinds.append(("goals_overlap", problem.goal, mover.motion[-1, 1:]))
         for kind, places, at in kinds:
@@ -244,7 +250,7 @@ def fitted(problem: Problem, world: World, margin: float) -> Problem:
         gap[gone[:, None] | gone[None, :] | np.eye(len(problem), dtype=np.bool_)] = np.inf
         spare = np.minimum(spare, 0.5 * gap.min(axis=1, initial=np.inf))
     for mover in problem.movers:
-        ends = ((problem.start, mover.motion[0, 1:]), (problem.goal, mover.motion[-1, 1:]))
+        ends = ((problem.start, places_at(mover.motion, 0.0)), (problem.goal, mover.motion[-1, 1:]))
         for ours, its in ends[: 1 if mover.leaves else 2]:
             spare = np.minimum(spare, np.linalg.norm((ours - its) * scale, axis=1) - problem.radius - mover.radius)
     for i in range(len(problem)):

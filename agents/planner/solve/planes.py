@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, Problem
+from agents.planner.model.problem import PLANE, Floats, Motion, Problem
 from agents.planner.model.separation import least_between
 from agents.planner.model.world import World
 from agents.planner.solve.paths.flight import WORDS, Wings, end_of, fly, gentle, join, motion_clear, way_clear
@@ -169,15 +169,10 @@ def wings_of(problem: Problem, index: int) -> Wings:
     )
 
 
-def posts_of(problem: Problem, index: int, *, starts: bool = True, goals: bool = True) -> Floats:
-    """(M, 4): where others than planes start and where they stay, and how far a plane keeps from them."""
-    others = [k for k in range(len(problem)) if problem.kind[k] != PLANE]
-    rows = [
-        [*place[k], problem.radius[k] + problem.radius[index] + SLACK]
-        for wanted, place in ((starts, problem.start), (goals, problem.goal))
-        for k in others
-        if wanted
-    ]
+def posts_of(problem: Problem, index: int, places: Sequence[Floats]) -> Floats:
+    """(M, 4): where others than planes are at these ``places``, (N, 3) each, and how far a plane keeps from them."""
+    apart = problem.radius + problem.radius[index] + SLACK
+    rows = [[*place[k], apart[k]] for place in places for k in np.flatnonzero(problem.kind != PLANE)]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
@@ -188,8 +183,8 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
     """
     wings = wings_of(problem, index)
     for amax in (wings.amax, TIGHTER * wings.amax):
-        for starts, goals in ((True, True), (True, False), (False, False)):
-            posts = posts_of(problem, index, starts=starts, goals=goals)
+        for places in ((problem.start, problem.goal), (problem.start,), ()):
+            posts = posts_of(problem, index, places)
             plane = Plane(problem, world, index, posts, wings._replace(amax=amax), rng)
             if any(plane.motions(level) for level in range(LEVELS)):
                 return plane
@@ -215,7 +210,7 @@ def plan_planes(problem: Problem, world: World, indices: Sequence[int], rng: np.
     takes = math.inf
     for attempt in range(ATTEMPTS):
         found: dict[int, Motion] = {}
-        stuck = next((i for i in order if not _place_one(problem, planes[i], problem.movers, found)), None)
+        stuck = next((i for i in order if not _place_one(problem, planes[i], found)), None)
         last = max(order, key=lambda i: float(found[i][-1, 0])) if stuck is None else stuck
         if stuck is None and found[last][-1, 0] < takes:
             best, takes = found, float(found[last][-1, 0])
@@ -230,26 +225,23 @@ def plan_planes(problem: Problem, world: World, indices: Sequence[int], rng: np.
     return [best[index] for index in indices]
 
 
-def _place_one(problem: Problem, plane: Plane, movers: Sequence[MovingObstacle], found: dict[int, Motion]) -> bool:
+def _place_one(problem: Problem, plane: Plane, found: dict[int, Motion]) -> bool:
     """Choose the quickest way that is clear of those found before; False: there is none."""
     for level in range(LEVELS):
         motions = plane.motions(level)
         for motion in motions:
             if level == 0 and motion[-1, 0] > GOOD * motions[0][-1, 0]:
                 break  # the next level has quicker ones
-            if _free(problem, plane.index, motion, movers, found):
+            if _free(problem, plane.index, motion, found):
                 found[plane.index] = motion
                 return True
     return False
 
 
-def _free(
-    problem: Problem, index: int, motion: Motion, movers: Sequence[MovingObstacle], found: dict[int, Motion]
-) -> bool:
+def _free(problem: Problem, index: int, motion: Motion, found: dict[int, Motion]) -> bool:
     others = [(track, float(problem.radius[k]), True) for k, track in found.items()]
-    others += [(np.ascontiguousarray(m.motion), m.radius, m.leaves) for m in movers]
+    others += [(np.ascontiguousarray(m.motion), m.radius, m.leaves) for m in problem.movers]
     keep, inverse = float(problem.radius[index]) + SLACK, 1.0 / problem.downwash
     return all(
-        least_between(motion, track, inverse, True, leaves, -np.inf)[0] >= keep + radius
-        for track, radius, leaves in others
+        least_between(motion, track, inverse, True, leaves, 0.0)[0] >= keep + radius for track, radius, leaves in others
     )

@@ -60,13 +60,8 @@ def warm(planes: bool = True, tell: Tell | None = None) -> Plan:
             compile_parts(PARTS, wait=False)
             compile_parts(PARTS, wait=True)
         jit.complete()
-    copters = example(planes=False)
-    plan = solve(copters, seconds=PATIENCE)
-    # The discrete search is for scenes that are tighter than any that is small.
-    problem, static = problem_of(copters), StaticMap(world_of(copters))
-    deconflict.find(
-        problem, static.world, static.paths_for(problem), Deadline.after(PATIENCE), np.random.default_rng(0)
-    )
+    plan = solve(example(planes=False), seconds=PATIENCE)
+    _discrete()  # for scenes that are tighter than any that is small
     if planes:
         solve(example(planes=True), seconds=PATIENCE)
     return plan

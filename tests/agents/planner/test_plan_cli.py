@@ -19,7 +19,7 @@ from click.testing import CliRunner, Result
 from agents.planner.cli.agent import planner
 from agents.planner.cli.plan import command, targets_of
 from agents.planner.model import verify
-from agents.planner.model.plans import Plan
+from agents.planner.model.plans import Plan, read_plan
 from agents.planner.model.scene import Scene, read_scene
 from agents.planner.solve import jit, warm
 from tests.agents.planner import checker
@@ -56,8 +56,14 @@ def test_a_planner_is_set_up_by_numbers_in_their_ranges(option: str, value: str)
 
 
 @pytest.mark.parametrize("option", ["--margin", "--seconds"])
-def test_a_plan_is_asked_for_by_numbers(scene: Path, option: str) -> None:
-    assert f"Invalid value for '{option}'" in zmav_plan(scene, option, "nan", ok=False).output
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_plan_is_asked_for_by_numbers(scene: Path, option: str, value: str) -> None:
+    assert f"Invalid value for '{option}'" in zmav_plan(scene, option, value, ok=False).output
+
+
+def test_a_plan_without_end_is_not_read_for_ever() -> None:
+    with pytest.raises(BadInput, match="more than 1 MB"):
+        read_plan("/dev/zero", largest=1 << 20)
 
 
 def test_a_plan_is_written_shown_and_told(scene: Path, tmp_path: Path) -> None:

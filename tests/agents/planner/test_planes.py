@@ -42,6 +42,14 @@ def arena(*vehicles: Vehicle, obstacles: tuple[Obstacle, ...] = (), fence: Fence
     return Scene(vehicles=list(vehicles), obstacles=list(obstacles), bounds=bounds, geofence=fence, downwash=1.5)
 
 
+@pytest.mark.parametrize("height", [50.0, 60.0])
+def test_a_plane_that_is_at_its_goal_flies_a_circle(height: float) -> None:
+    """The way of a word without a circle had no legs there, and its plan ended with a ValueError."""
+    (motion,) = planned(arena(plane("p", (0.0, 0.0, 50.0), (0.0, 0.0, height)))).values()
+    assert np.linalg.norm(motion[:, 1:3], axis=1).max() > 12.0
+    assert np.linalg.norm(motion[-1, 1:] - [0.0, 0.0, height]) < 0.5
+
+
 def planned(scene: Scene, movers: tuple[MovingObstacle, ...] = ()) -> dict[str, Motion]:
     """The planes' motions; the verifier finds no fault in them."""
     problem = problem_of(scene, movers=movers)
@@ -58,6 +66,12 @@ def planned(scene: Scene, movers: tuple[MovingObstacle, ...] = ()) -> dict[str, 
     report = verify.verify(alone, tracks, movers)
     assert report.ok, report.faults
     return tracks
+
+
+def test_where_a_mover_was_before_does_not_count() -> None:
+    here = (-150.0, 0.0, 50.0)
+    gone = MovingObstacle("gone", np.array([[-60.0, *here], [-1.0, 0.0, 150.0, 50.0], [9.0, 0.0, 150.0, 50.0]]), 3.0)
+    planned(arena(plane("p", here, (150.0, 0.0, 50.0))), (gone,))
 
 
 def ends(pose: tuple[float, float, float], legs: Floats) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.errors import PlanError
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan
@@ -162,6 +163,19 @@ def test_a_mover_on_a_start_or_a_goal_is_named(first: float, last: float, kind: 
     with pytest.raises(PlanError) as caught:
         solve(scene, movers=[block])
     assert (caught.value.kind, caught.value.ids) == (kind, [scene.vehicles[1].id])
+
+
+def test_where_a_mover_was_before_does_not_count() -> None:
+    """Who is on its way home has begun before the plan: its first place was taken for where it is."""
+    scene = CLASSES["swap_circle"](4, 0)
+    (x, y, z), up = scene.vehicles[1].start, scene.bounds.max[2] + 50.0
+    gone = MovingObstacle("gone", np.array([[-60.0, x, y, z], [-1.0, x, y, up], [9.0, x, y, up]]), 0.5)
+    plan = solve(scene, movers=[gone])
+    assert verify(scene, plan.trajectories, [gone]).ok
+
+
+def test_a_wait_for_the_compiler_does_not_count_by_the_clock() -> None:
+    assert Deadline(1.0, 4.0).later(30.0) == Deadline(1.0, 34.0)
 
 
 def test_a_map_from_before_is_used_again() -> None:

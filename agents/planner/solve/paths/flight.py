@@ -213,10 +213,10 @@ def join(start: Floats, end: Floats, turn: float, word: int) -> Floats | None:
     """The legs of one word from a pose to a place, the rise spread evenly; None where there are none."""
     flat = np.empty((2, 2))
     length = to_point(start[0], start[1], start[3], end[0], end[1], turn, word, flat)
-    if not math.isfinite(length):
-        return None
     flat = flat[flat[:, 1] > 1e-6]
-    rise = (end[2] - start[2]) * flat[:, 1] / max(length, 1e-9)
+    if not math.isfinite(length) or not len(flat):  # it is above or below the place: a word without a circle is no way
+        return None
+    rise = (end[2] - start[2]) * flat[:, 1] / length
     return np.ascontiguousarray(np.column_stack((flat, rise)))
 
 

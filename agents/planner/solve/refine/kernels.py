@@ -96,8 +96,8 @@ def keep_apart(
     band: Floats,
     right: Floats,
     hurt: Floats,
-) -> float:
-    """Add rows for each piece on which two come nearer than size[i] + size[j] + extra; the least distance less sizes.
+) -> None:
+    """Add rows for each piece on which two come nearer than size[i] + size[j] + extra.
 
     ``slide`` 1 pushes them apart across their relative motion only (they pass beside each other), 0 along the line
     between them (one comes earlier, one later). ``hurt[i]`` becomes the depth by which i's true separation is broken.
@@ -108,7 +108,6 @@ def keep_apart(
     step = np.empty(3)
     normal = np.empty(3)
     coef = np.empty(3)
-    least = np.inf
     for p in range(count):
         i, j, first = pairs[p, 0], pairs[p, 1], pairs[p, 2]
         need = size[i] + size[j]
@@ -136,7 +135,6 @@ def keep_apart(
             if dist >= target * target:
                 continue
             dist = np.sqrt(dist)
-            least = min(least, dist - need)
             if dist < need:
                 hurt[i] = max(hurt[i], need - dist)
                 hurt[j] = max(hurt[j], need - dist)
@@ -162,7 +160,6 @@ def keep_apart(
             add_row(band[i], right[i], k, coef, 2, normal, 1.0, both * gap)
             if j < free:
                 add_row(band[j], right[j], k, coef, 2, normal, 1.0, -both * gap)
-    return least
 
 
 @jit

@@ -80,7 +80,9 @@ class Negotiation:
         bodies = len(self.table.apart)
         self.weight = np.full((bodies, bodies), PRICE)
         self.weight[:, count:] = 10.0 * BLOCKED
-        self.moved_until = self._moved_until(range(count, bodies))
+        moved = np.flatnonzero(np.diff(self.table.places[count:], axis=1).any(axis=(0, 2)))
+        self.moved_until = min(int(moved[-1]) + 1 if len(moved) else 0, self.table.head.shape[1] - 1)
+        """the first step from which none of the movers moves any more"""
         self.lattices: dict[tuple[float, float], Lattice] = {}
         self._moves: list[Ints] = [np.ones(26, dtype=np.int64)] * count
         self._roads: list[Roads | None] = [None] * count
@@ -91,14 +93,6 @@ class Negotiation:
         self.filed = np.zeros(count, dtype=np.bool_)
         self.conflicts = np.zeros((bodies, bodies), dtype=np.int64)
         """steps in which two are too near"""
-
-    def _moved_until(self, bodies: Sequence[int]) -> int:
-        """The first step from which none of the bodies moves any more."""
-        last = 0
-        for body in bodies:
-            moved = np.flatnonzero((self.table.places[body, 1:] != self.table.places[body, :-1]).any(axis=1))
-            last = max(last, int(moved[-1]) + 1 if len(moved) else 0)
-        return int(min(last, self.table.head.shape[1] - 1))
 
     def _speeds(self, i: int) -> tuple[float, float, float]:
         return float(self.speed[i]), float(self.climb[i]), float(self.descend[i])
@@ -218,15 +212,13 @@ class Negotiation:
             if not len(clashing) or deadline.over:
                 return False
             self._dearer()
-            self.again(self._group(int(rng.choice(clashing)), rng), LIMIT, rng)
+            self.again(self._group(int(rng.choice(clashing)), rng), rng)
 
     def _dearer(self) -> None:
         """Raise the price of every conflict that there is."""
-        met = self.conflicts > 0
         count = len(self.problem)
-        self.weight[:count, :count][met[:count, :count]] = np.minimum(
-            self.weight[:count, :count][met[:count, :count]] * 1.1 + 1.0, DEAREST
-        )
+        weight, met = self.weight[:count, :count], self.conflicts[:count, :count] > 0
+        weight[met] = np.minimum(weight[met] * 1.1 + 1.0, DEAREST)
 
     def _group(self, one: int, rng: np.random.Generator) -> list[int]:
         """A vehicle in conflict, those it is in conflict with, and theirs, up to a random number."""
@@ -239,7 +231,7 @@ class Negotiation:
             at += 1
         return group
 
-    def again(self, group: list[int], limit: float, rng: np.random.Generator) -> None:
+    def again(self, group: list[int], rng: np.random.Generator) -> None:
         """Plan a group again, in any order; it gets back what it had if there are more conflicts then."""
         kept = {i: (self.table.places[i].copy(), int(self.arrival[i])) for i in group}
         before = self._badness()
@@ -249,7 +241,7 @@ class Negotiation:
         # Two that meet half-way in a narrow place pass only if one of them is late.
         late = 0 if rng.random() < 0.5 else int(rng.integers(1, 1 + self.alone.max()))
         for n, i in enumerate(group):
-            if not self.plan(i, limit, 0 if n else late):
+            if not self.plan(i, LIMIT, 0 if n else late):
                 break
             self.file(i)
         else:

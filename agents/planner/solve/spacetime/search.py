@@ -165,17 +165,16 @@ def search(
     count, places = len(lattice.edges), len(lattice.edges) + len(roads.places)
     goal = places - 1
     first = np.full(places, -1, dtype=np.int64)
-    span, cost, used = np.empty((4096, 4), dtype=np.int64), np.empty((4096, 2)), 0
-    label, paid, labels = np.empty((4096, 6), dtype=np.int64), np.empty(4096), 0
+    span, cost = np.empty((4096, 4), dtype=np.int64), np.empty((4096, 2))
+    label, paid, labels = np.empty((4096, 5), dtype=np.int64), np.empty(4096), 1
     waiting = [(0.0, 0)]
     to, takes = np.empty(len(roads.to) + 64, dtype=np.int64), np.empty(len(roads.to) + 64, dtype=np.int64)
-    room, popped = last - begin + 2, 0
+    room, popped, home = last - begin + 2, 0, spot(lattice, roads, count)
     # label: place, run, arrival, steps of the move to it, label before
     label[0, 0], label[0, 1], label[0, 2], label[0, 3], label[0, 4] = count, 0, begin, 0, -1
-    paid[0], labels = 0.0, 1
+    paid[0] = 0.0
     first[count] = 0
-    used = runs_at(table, weight, body, spot(lattice, roads, count), begin, last, span, cost) if room < 4096 else 0
-    home = spot(lattice, roads, count)
+    used = runs_at(table, weight, body, home, begin, last, span, cost) if room < 4096 else 0
     while len(waiting) > 0 and popped < most and room < 4096:
         _, one = heapq.heappop(waiting)
         n, run, arrival = label[one, 0], label[one, 1], label[one, 2]
@@ -188,8 +187,8 @@ def search(
         end, price, spent = span[run, 1], cost[run, 0], paid[one]
         p = spot(lattice, roads, n)
         found = neighbours(lattice, moves, steps, roads, n, to, takes)
-        if labels + 40 * found + 64 > len(label):
-            label = np.concatenate((label, np.empty((len(label) + 40 * found + 64, 6), dtype=np.int64)))
+        if labels + 41 * found + 64 > len(label):
+            label = np.concatenate((label, np.empty((len(label) + 41 * found + 64, 5), dtype=np.int64)))
             paid = np.concatenate((paid, np.empty(len(label) - len(paid))))
         if n == goal:
             stay = 0.0 if price == 0.0 else price * min(end - arrival, STAY)

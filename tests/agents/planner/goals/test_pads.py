@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agents.planner.goals import pads
-from agents.planner.goals.steps import Loiter, Orders, PlanTo, VehicleView
+from agents.planner.goals.steps import Loiter, Orders, PlanTo, Step, VehicleView
 from agents.planner.live import frames
 from agents.planner.live.scenes import Room, scene_of
 from agents.planner.live.world import World
@@ -19,6 +19,7 @@ from agents.planner.model.validate import validate
 from zmav.config import BodyConfig, body_of
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import Vector
+from zmav.wire.swarm import Corner
 
 DOWNWASH = 1.5
 
@@ -30,6 +31,22 @@ def view(name: str, pos: Vector, kind: str = "copter", *, up: bool = False, home
 
 def pad(rows: int, spacing: float) -> list[VehicleView]:
     return [view(f"v{i}{j}", (i * spacing, j * spacing, 0.0)) for i in range(rows) for j in range(rows)]
+
+
+def anywhere(place: Vector, radius: float) -> bool:
+    return True
+
+
+def takeoff(views: Sequence[VehicleView], height: float) -> list[Step]:
+    return pads.takeoff(views, height, DOWNWASH, anywhere)
+
+
+def land(views: Sequence[VehicleView], at: Sequence[Corner] = (), free: pads.Free = anywhere) -> list[Step]:
+    return pads.land(views, at, DOWNWASH, free, lambda spot: pads.APPROACH)
+
+
+def home(views: Sequence[VehicleView]) -> list[Step]:
+    return pads.home(views, DOWNWASH, lambda spot: pads.APPROACH)
 
 
 def apart(a: Vector, b: Vector) -> float:
@@ -59,7 +76,7 @@ def runs(orders: Orders, columns: dict[str, tuple[Vector, Vector]], seed: int) -
 
 
 def test_a_roomy_pad_takes_off_at_once() -> None:
-    (step,) = pads.takeoff(pad(3, 5.0), 10.0, DOWNWASH)
+    (step,) = takeoff(pad(3, 5.0), 10.0)
     assert isinstance(step, Orders)
     assert {(order.verb, order.args["alt_rel"], order.after) for order in step.orders} == {("takeoff", 10.0, ())}
 
@@ -67,7 +84,7 @@ def test_a_roomy_pad_takes_off_at_once() -> None:
 @pytest.mark.parametrize("spacing", [1.0, 1.6, 2.2])
 def test_a_crowded_pad_takes_off_the_highest_first(spacing: float) -> None:
     views = pad(3, spacing)
-    step, spread = pads.takeoff(views, 10.0, DOWNWASH)
+    step, spread = takeoff(views, 10.0)
     assert isinstance(step, Orders) and isinstance(spread, PlanTo)
     tops = {o.vehicle: o.args["alt_rel"] for o in step.orders}
     assert min(tops.values()) == 10.0
@@ -82,7 +99,7 @@ def test_a_crowded_pad_takes_off_the_highest_first(spacing: float) -> None:
 
 def test_pads_at_different_heights_count_from_each_ones_home() -> None:
     views = [view("low", (0.0, 0.0, 0.0)), view("roof", (1.5, 0.0, -4.0))]
-    step = pads.takeoff(views, 6.0, DOWNWASH)[0]
+    step = takeoff(views, 6.0)[0]
     assert isinstance(step, Orders)
     assert [(o.vehicle, o.args["alt_rel"]) for o in step.orders] == [("roof", 6.0), ("low", 6.0)]
     assert step.orders[1].after == (0,)
@@ -90,9 +107,9 @@ def test_pads_at_different_heights_count_from_each_ones_home() -> None:
 
 def test_who_cannot_take_off_is_named() -> None:
     with pytest.raises(Unsupported, match="r1"):
-        pads.takeoff([view("r1", (0.0, 0.0, 0.0), "rover")], 5.0)
+        takeoff([view("r1", (0.0, 0.0, 0.0), "rover")], 5.0)
     with pytest.raises(Refused, match="a fly already"):
-        pads.takeoff([view("a", (0.0, 0.0, -3.0), up=True)], 5.0)
+        takeoff([view("a", (0.0, 0.0, -3.0), up=True)], 5.0)
 
 
 def landing(steps: Sequence[object]) -> tuple[PlanTo, Orders]:
@@ -104,7 +121,7 @@ def landing(steps: Sequence[object]) -> tuple[PlanTo, Orders]:
 @pytest.mark.parametrize("spacing", [1.0, 2.2, 6.0])
 def test_home_onto_a_crowded_pad_the_lowest_first(spacing: float) -> None:
     views = [view(v.name, (50.0 + 5.0 * k, 0.0, -20.0), up=True, home=v.pos_ned) for k, v in enumerate(pad(3, spacing))]
-    plan, orders = landing(pads.home(views, DOWNWASH))
+    plan, orders = landing(home(views))
     assert plan.labelled
     tops = dict(zip(plan.vehicles, map(tuple, frames.enu_array(plan.places)), strict=True))
     for one, other in itertools.combinations(tops.values(), 2):
@@ -122,37 +139,40 @@ def test_landing_below_finds_room_for_those_above_each_other_and_keeps_off_what_
     def free(place: Vector, radius: float) -> bool:
         return place[0] > -0.1
 
-    plan, orders = landing(pads.land(views, downwash=DOWNWASH, free=free))
+    plan, orders = landing(land(views, free=free))
     (n0, e0, _), (n1, e1, _) = frames.enu_array(plan.places)
     assert math.dist((n0, e0), (n1, e1)) >= 2.0 and min(n0, n1) > -0.1
     assert [order.after for order in orders.orders] == [(), ()]
     with pytest.raises(BadInput, match="no free place"):
-        pads.land(views, free=lambda place, radius: False)
+        land(views, free=lambda place, radius: False)
 
 
 def test_who_stands_on_the_ground_has_landed() -> None:
     parked, armed = view("parked", (0.0, 0.0, 0.0)), dataclasses.replace(view("armed", (9.0, 0.0, 0.0)), armed=True)
-    assert pads.land([parked]) == []
-    (stopping,) = pads.land([parked, armed])
+    assert land([parked]) == []
+    (stopping,) = land([parked, armed])
     assert isinstance(stopping, Orders)
     assert [(order.vehicle, order.verb) for order in stopping.orders] == [("armed", "land")]
-    plan, orders = landing(pads.land([parked, view("flies", (20.0, 0.0, -9.0), up=True)]))
+    plan, orders = landing(land([parked, view("flies", (20.0, 0.0, -9.0), up=True)]))
     assert plan.vehicles == ("flies",)
     assert [order.vehicle for order in orders.orders] == ["flies"]
     with pytest.raises(Refused, match="parked: on the ground"):
-        pads.land([parked], [(3.0, 3.0)])
+        land([parked], [(3.0, 3.0)])
 
 
 def test_given_spots_go_to_whoever_is_near() -> None:
     views = [view("a", (0.0, 0.0, -9.0), up=True), view("b", (30.0, 0.0, -9.0), up=True)]
-    plan, _ = landing(pads.land(views, [(28.0, 1.0), (2.0, 1.0)]))
+    plan, _ = landing(land(views, [(28.0, 1.0), (2.0, 1.0)]))
     assert frames.enu_array(plan.places)[:, 0].tolist() == [2.0, 28.0]
     for at, words in (([(0.0, 0.0)], "1 places"), ([(0.0, 0.0), (1.0, 0.0)], "1.0 m apart")):
         with pytest.raises(BadInput, match=words) as raised:
-            pads.land(views, at)
+            land(views, at)
         assert raised.value.detail["field"] == "at"
+    hill = [*views, view("h", (60.0, 0.0, -40.0), up=True, home=(60.0, 0.0, -20.0))]
+    plan, _ = landing(land(hill, [(28.0, 1.0), (2.0, 1.0), (59.0, 0.0)]))
+    assert plan.places[:, 2].min() > 20.0, "nobody waits below the highest ground that is known"
     with pytest.raises(Unsupported, match="p"):
-        pads.land([view("p", (0.0, 0.0, -60.0), "plane", up=True)])
+        land([view("p", (0.0, 0.0, -60.0), "plane", up=True)])
 
 
 def test_a_mixed_fleet_comes_home() -> None:
@@ -162,13 +182,13 @@ def test_a_mixed_fleet_comes_home() -> None:
         view("p", (80.0, 5.0, -70.0), "plane", up=True, home=(20.0, 5.0, 0.0)),
         view("q", (90.0, 5.0, -75.0), "plane", up=True, home=(25.0, 5.0, 0.0)),
     ]
-    circles, plan, orders = pads.home(views, DOWNWASH)
+    circles, plan, orders = home(views)
     assert isinstance(circles, Loiter) and isinstance(plan, PlanTo) and isinstance(orders, Orders)
     first, second = (-circle.centre_ned[2] for circle in circles.circles)
     assert circles.vehicles == ("p", "q") and first == 70.0 and second - first >= DOWNWASH * 8.0
     assert plan.vehicles == ("c", "r") and orders.vehicles == ("c",)
     with pytest.raises(Refused, match="home of x"):
-        pads.home([VehicleView("x", "copter", body_of("copter"), (0.0, 0.0, -5.0), airborne=True)])
+        home([VehicleView("x", "copter", body_of("copter"), (0.0, 0.0, -5.0), airborne=True)])
 
 
 def test_what_positions_may_be_off_across_makes_nobody_climb_higher_than_above_another() -> None:
@@ -191,7 +211,7 @@ def test_a_plan_can_be_made_to_where_those_wait_who_land_beside_each_other(flat:
         )
         for k in range(3)
     ]
-    plan, _ = pads.home(unsure, DOWNWASH)
+    plan, _ = home(unsure)
     assert isinstance(plan, PlanTo)
     scene = scene_of(unsure, plan.places, True, Room((), (), World().pieces(0.0), DOWNWASH, None))
     validate(scene)

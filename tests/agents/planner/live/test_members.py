@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,13 +11,14 @@ import pytest
 
 import zmav
 from agents.planner.cli.asking import find
+from agents.planner.cli.watching import until_ended
 from agents.planner.live.agent import Agent
 from agents.planner.live.context import EVENTS
 from agents.planner.live.settings import PlannerSettings
 from mesh.credentials.ca import Authority
 from tests.conftest import Net
 from zmav import keys, wire
-from zmav.errors import BadInput, Forbidden
+from zmav.errors import BadInput, Forbidden, TimedOut
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.waiting import within
@@ -145,3 +147,21 @@ async def counted(counts: Mapping[str, int], reason: str, least: int) -> None:
             await asyncio.sleep(0.01)
 
     await within(PATIENCE_S, wait())
+
+
+async def test_a_goal_that_nobody_knows_is_not_waited_for(net: Net) -> None:
+    """It was given to a planner that lost its charge, or pushed out of the book by others that ended as it did."""
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as planner, zmav.open(connect=[endpoint]) as z:
+        key = keys.FLEET.key(z.fleet_name, topic="goal")
+
+        async def tell() -> None:
+            while True:
+                book = swarm.Book(t=time.time(), planner="ground", instance="1", term=1)
+                planner.session.put(key, wire.encode(book))
+                await asyncio.sleep(0.05)
+
+        telling = asyncio.create_task(tell())
+        with pytest.raises(TimedOut, match="g1 is not in the book of ground"):
+            await within(PATIENCE_S, until_ended(z, "g1", False))
+        telling.cancel()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import cast
 
 import msgspec
 import numpy as np
 import pytest
 
-from agents.planner.cli.asking import match_names
+from agents.planner.cli.asking import Planner, match_names
 from agents.planner.goals.steps import VehicleView
 from agents.planner.live import frames
 from agents.planner.live.checks import MOST_OBSTACLES
@@ -19,7 +20,7 @@ from agents.planner.live.scenes import DEPTH, room_of, scene_of
 from agents.planner.live.settings import PlannerSettings, fence_of
 from agents.planner.live.world import Pieces, World
 from agents.planner.model import scene
-from zmav import wire
+from zmav import Client, wire
 from zmav.config import FleetConfig, Geofence, body_of
 from zmav.errors import BadConfig, BadInput
 from zmav.wire import swarm
@@ -253,3 +254,12 @@ def test_names_are_matched_as_people_mean_them() -> None:
     assert match_names(["all"], names) == names
     assert match_names(["rover1", "nobody"], names) == ["rover1", "nobody"]
     assert match_names(["plane*"], names) == []
+
+
+def test_a_place_of_its_own_is_given_to_one_vehicle() -> None:
+    """'goto quad*=A quad1=B' would have sent quad1 to A and quad2 to B."""
+    planner = Planner(cast(Client, None), {"planner": "ground", "vehicles": ["quad1", "quad2", "rover1"]})
+    assert planner.one_each(["quad2", "rover*"]) == ["quad2", "rover1"]
+    for patterns in (["quad*", "quad1"], ["quad1", "quad?"], ["quad2", "quad2"], ["all"]):
+        with pytest.raises(BadInput, match="give each vehicle one place"):
+            planner.one_each(patterns)

@@ -14,7 +14,7 @@ from agents.planner.execute.track import Track, flown
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Bounds, Box, Fence, NoFly, Obstacle, Scene
-from agents.planner.returning.finder import LANDS_FROM, Clear, Finder, Returner, Surroundings
+from agents.planner.returning.finder import LANDS_FROM, MOST_TRIES, Clear, Finder, Returner, Surroundings
 from agents.planner.returning.futures import Futures, StoredWay
 from agents.planner.returning.ways import Pace, Way
 
@@ -205,3 +205,16 @@ def test_what_moves_by_itself_is_waited_for() -> None:
     way = finder(movers=(mover,), ceiling=16.0).find(HERE, READY, NOW, 0)
     assert way is not None
     assert way.begins > READY
+
+
+def test_no_way_is_looked_at_after_the_most_that_are() -> None:
+    """All but what stands was looked at on, for layers and landing places that could not be taken any more."""
+    asked: list[Floats] = []
+
+    def anything(p: Floats, q: Floats, radius: float) -> bool:
+        asked.append(p)
+        return True
+
+    everywhere = MovingObstacle("cloud", np.array([[NOW, 0.0, 0.0, 0.0]]), 1e4)
+    assert finder(clear=anything, movers=(everywhere,)).find(HERE, READY, NOW, 0) is None
+    assert len(asked) < MOST_TRIES
