@@ -75,11 +75,15 @@ class ArduVehicle(ArmingChecks, ABC):
         self.terrain = Terrain(self)
         self.fence = Fence(self)
         self.rally = Rally(self, self.fence)
-        self.mission = Mission(self._home_item, params.__getitem__, lambda severity, text: self.say(severity, text))
-        self.mission.armed = lambda: self.armed
-        self.mission.sized = lambda count: self.sized("MIS_TOTAL", count)
         self.modes: dict[int, Mode] = {mode.number: mode for mode in self.make_modes()}
-        self.mission.performer = self.auto
+        self.mission = Mission(
+            self.auto,
+            self._home_item,
+            params.__getitem__,
+            say=lambda severity, text: self.say(severity, text),
+            sized=lambda count: self.sized("MIS_TOTAL", count),
+            armed=lambda: self.armed,
+        )
         self.reactions = self.make_reactions()
         self.landed = True
         self.power_on()
