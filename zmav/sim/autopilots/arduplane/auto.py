@@ -209,7 +209,7 @@ class Takeoff(Leg):
         plane = self.plane
         self._height = -self.place[2]
         pitch = math.radians(self.item.p1) if self.item.p1 > 0 else NO_PITCH
-        plane.launch.begin(self._height + plane.home_world[2], pitch)
+        plane.launch.begin(pitch)
         plane.way.end = *plane.here[:2], -self._height
         self._course: float | None = None
         plane.taken_off = False
