@@ -7,7 +7,6 @@ from abc import ABC
 from collections.abc import Mapping
 from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.state import Mode
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.base import Installation
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
@@ -148,9 +147,6 @@ class CopterBase(ArduVehicle, ABC):
         return max(self.now + SPOOL_UP_S, self._armed_at + ARMING_S)
 
     # ---- what it can be told
-
-    def mode_refusal(self, mode: Mode) -> str:
-        return "in RC failsafe" if self.rc.lost and mode.manual_throttle else ""
 
     def mode_changed(self) -> None:
         self.sp.raw(False)

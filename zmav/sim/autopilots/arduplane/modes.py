@@ -65,7 +65,7 @@ class PlaneMode(Mode):
 
 
 class Manual(PlaneMode):
-    number, name, by_pilot, manual_throttle = 0, "MANUAL", True, True
+    number, name = 0, "MANUAL"
 
     def fly(self) -> None:
         plane = self.plane
@@ -90,8 +90,7 @@ class Circle(PlaneMode):
 
 
 class FlyByWireA(PlaneMode):
-    number, name, by_pilot, manual_throttle = 5, "FBWA", True, True
-    captures_direction = True
+    number, name, captures_direction = 5, "FBWA", True
 
     def fly(self) -> None:
         plane, params = self.plane, self.plane.params
@@ -216,13 +215,12 @@ class Initialising(PlaneMode):
     def rest(self) -> None:
         self.fly()
 
-    def refusal(self) -> str:
+    def blocked(self) -> str:
         return "only the boot is in it"
 
 
 class Guided(PlaneMode, GuidedMode):
     number, name, auto_throttle, navigates, changes_speed = 15, "GUIDED", True, True, True
-    armable: ClassVar[bool] = True
 
     def enter(self) -> None:
         self.radius = 0.0

@@ -94,9 +94,6 @@ class ArduPlane(PlaneParts):
             return False
         return super().set_mode(number, by_fence=by_fence)
 
-    def mode_refusal(self, mode: Mode) -> str:
-        return mode.refusal()
-
     def refusal_text(self, mode: Mode, why: str) -> str:
         fenced = why == "in fence recovery"
         return f"Mode change to {mode.name} denied, {why}" if fenced else "Flight mode change failed"

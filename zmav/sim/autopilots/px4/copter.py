@@ -125,8 +125,7 @@ class Px4Copter(Px4Parts):
         self._stood_since = self.now
         self.home_world = (self.sense.north, self.sense.east, self.sense.down)
         self.failsafe.armed()
-        self.event(events.ARMED, bytes([events.EXTERNAL]))
-        self.say(6, events.ARM_TEXTS[events.EXTERNAL])
+        self.tell(events.ARMED, bytes([events.EXTERNAL]))
         self._fly_in(self.wanted)
         return True
 
