@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from tests.sim.conftest import GUIDED, POSITION
 from tests.sim.plans import at, degrees, upload
+from zmav.sim import VehicleSpec
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import Desk
+    from tests.sim.conftest import Desk, MakeDesk
 
 OVER_TERRAIN = 10  # MAV_FRAME
 BITS = 56
@@ -46,3 +47,14 @@ def test_places_without_number_leave_it_room(desk: Desk) -> None:
     assert desk.last("TERRAIN_REPORT")["pending"] < 65535
     desk.world.step(1.0)
     assert desk.vehicle.failed is None
+
+
+def test_a_rover_knows_no_terrain_and_drives_on(make_desk: MakeDesk) -> None:
+    desk = make_desk([VehicleSpec(autopilot="ardurover")])
+    desk.world.step(2.0)
+    assert upload(desk, [at(16, 5.0, 0.0, frame=OVER_TERRAIN)]) == 0
+    desk.command(511, desk.dialect.message("TERRAIN_REPORT").id, 1e5)
+    assert desk.command(176, 1, 10) == 0
+    desk.world.step(2.0)
+    assert desk.vehicle.failed is None
+    assert desk.vehicle.rover.driving_mode.place is not None

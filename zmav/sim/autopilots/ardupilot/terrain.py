@@ -45,8 +45,15 @@ class Terrain:
         self._blocks: dict[Block, dict[int, list[int]]] = {}
         self._turn = 0
 
+    @property
+    def _enabled(self) -> bool:
+        """By TERRAIN_ENABLE, which a rover does not have."""
+        return bool(self._vehicle.params.get("TERRAIN_ENABLE"))
+
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
-        """m above the sea; None: not known yet, and asked for."""
+        """m above the sea; None: not known yet, and asked for where it has terrain at all."""
+        if not self._enabled:
+            return None
         block = self._block_at(lat_deg, lon_deg)
         grids = self._blocks[block] = self._blocks.pop(block, {})
         if len(self._blocks) > MOST_BLOCKS:
@@ -70,7 +77,7 @@ class Terrain:
         turns: nobody may know one of them.
         """
         vehicle = self._vehicle
-        if not vehicle.params["TERRAIN_ENABLE"] or not vehicle.position_ok:
+        if not self._enabled or not vehicle.position_ok:
             return None
         for seq in range(1, len(vehicle.mission)):
             item = vehicle.mission.read(seq)
@@ -88,7 +95,7 @@ class Terrain:
     def report(self) -> dict[str, Any] | None:
         """The fields of TERRAIN_REPORT."""
         vehicle = self._vehicle
-        if not vehicle.params["TERRAIN_ENABLE"]:
+        if not self._enabled:
             return None
         place = self._place((vehicle.sense.north, vehicle.sense.east))
         height = self.height(place.lat_deg, place.lon_deg)
