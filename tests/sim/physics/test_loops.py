@@ -162,7 +162,7 @@ def test_a_small_turn_is_asked_for_by_its_gain_whatever_its_weight(flight: Fligh
         heading = float(flight.fleet.estimate.euler[2, 0])
         flight.sp.heading(heading + 0.05)
         flight.run(2 * TICK)
-        assert flight.fleet.cascade._rate[2, 0] == pytest.approx(2.8 * 0.05, rel=0.1)  # MC_YAW_P
+        assert flight.fleet.cascade.want_rate[2, 0] == pytest.approx(2.8 * 0.05, rel=0.1)  # MC_YAW_P
         flight.run(3.0)
 
 

@@ -140,6 +140,13 @@ def test_an_area_without_home_is_not_taken(companion: Companion) -> None:
     assert companion.arm() == [0]
 
 
+@pytest.mark.parametrize("corners", [math.inf, 3e38])
+def test_an_area_of_more_corners_than_were_sent_keeps_nobody(companion: Companion, corners: float) -> None:
+    assert upload(companion, [(INCLUSION, corners, (50.0, 50.0)), (INCLUSION, corners, (60.0, 50.0))]) == 0
+    assert companion.vehicle.failed is None
+    assert companion.vehicle.px4.checks_ok
+
+
 def test_an_area_without_the_flying_vehicle_is_not_taken(companion: Companion) -> None:
     companion.beat()
     companion.take_off()

@@ -37,7 +37,7 @@ class Autopilot:
     ``say(severity, text)``, ``beat()`` (a heartbeat now) and ``announce()`` (home and origin) are the protocol's.
     """
 
-    filter: NavigationFilter
+    filter: NavigationFilter[Any]
 
     def __init__(self, into: Installation[Any, Any]) -> None:
         sense = into.sense

@@ -185,7 +185,7 @@ def areas_of(items: Sequence[Item], world: Position) -> Iterator[Area]:
         if item.command in (CIRCLE_IN, CIRCLE_OUT) and item.p1 > 0.0:
             yield Area((corner(item, world),), item.p1, item.command == CIRCLE_IN)
         elif item.command in (POLYGON_IN, POLYGON_OUT) and item.p1 >= 1:
-            count = int(item.p1)
+            count = int(min(item.p1, len(items)))  # it may say anything, infinity too
             corners = tuple(corner(each, world) for each in items[at : at + count])
             if len(corners) >= 3:
                 yield Area(corners, None, item.command == POLYGON_IN)

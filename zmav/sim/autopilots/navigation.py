@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar, Protocol
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.fleets.base import Sense
@@ -26,7 +26,10 @@ class Autopilot(Protocol):
     sense: Sense
 
 
-class NavigationFilter(ABC):
+V = TypeVar("V", bound=Autopilot)
+
+
+class NavigationFilter(ABC, Generic[V]):
     """One vehicle's filter. :meth:`update` is called ten times a second."""
 
     USUAL: ClassVar[dict[str, float]]
@@ -43,8 +46,8 @@ class NavigationFilter(ABC):
     HEIGHT_RETRY_S: ClassVar[float] = math.inf
     """after which a height that is out of its gate is taken for true"""
 
-    def __init__(self, vehicle: Autopilot) -> None:
-        self._pilot = vehicle
+    def __init__(self, vehicle: V) -> None:
+        self._vehicle = vehicle
         self._belief: Belief | None = None
         self.power_on()
 
@@ -60,7 +63,7 @@ class NavigationFilter(ABC):
     def power_on(self) -> None:
         """Start from nothing."""
         self._leading = False
-        self._passed = self._height_passed = self._pilot.now
+        self._passed = self._height_passed = self._vehicle.now
         self._shown = self._turn_seen = 0.0
         self._by_course = False
         self._back_at: float | None = None
@@ -96,7 +99,7 @@ class NavigationFilter(ABC):
             return
         if not self._leading:
             self._leading = True
-            self._passed = self._height_passed = self._pilot.now
+            self._passed = self._height_passed = self._vehicle.now
             self.begin()
             belief.lead(True)
         self.watch_gps(belief, dt)
@@ -111,7 +114,7 @@ class NavigationFilter(ABC):
         """There has been a position."""
         return True
 
-    def begin(self) -> None:  # noqa: B027 - one that notes nothing more
+    def begin(self) -> None:
         """Something has begun to be wrong."""
 
     def recovered(self, belief: Belief) -> bool:
@@ -121,7 +124,7 @@ class NavigationFilter(ABC):
 
     def watch_gps(self, belief: Belief, dt: float) -> None:
         """Follow the GPS, or not."""
-        now = self._pilot.now
+        now = self._vehicle.now
         if not belief.has_fix:
             # Dead reckoning: an error of the tilt, which nobody corrects, becomes speed.
             self._back_at = None
@@ -156,7 +159,7 @@ class NavigationFilter(ABC):
         """Take the GPS's place and speed for true."""
         belief.reset_position()
         self._slip = (0.0, 0.0)
-        self._passed, self._variance = self._pilot.now, self.POSITION_VARIANCE
+        self._passed, self._variance = self._vehicle.now, self.POSITION_VARIANCE
         self.ratios["position"], self.ratios["velocity"] = self.USUAL["position"], self.USUAL["velocity"]
 
     def drift(self) -> tuple[float, float]:
@@ -184,7 +187,7 @@ class NavigationFilter(ABC):
     def watch_compass(self, belief: Belief, dt: float) -> None:
         """Follow the compass, or not."""
 
-    def course_taken(self) -> None:  # noqa: B027 - one that says nothing of it
+    def course_taken(self) -> None:
         """The heading was taken from the GPS's velocity."""
 
     def _follow_compass(self, belief: Belief, share: float) -> None:
@@ -196,12 +199,12 @@ class NavigationFilter(ABC):
 
     def _watch_course(self, belief: Belief, dt: float) -> None:
         """A wrong heading shows in the GPS's velocity as soon as the vehicle speeds up: it goes the wrong way."""
-        sense, error = self._pilot.sense, belief.yaw_error
+        sense, error = self._vehicle.sense, belief.yaw_error
         astray = GRAVITY * math.hypot(sense.roll, sense.pitch) * abs(2.0 * math.sin(error / 2.0))
         if self.aiding and belief.has_fix:
             wanted = self.USUAL["velocity"] + 0.35 * astray
             self.ratios["velocity"] += (wanted - self.ratios["velocity"]) * min(dt, 1.0)
-        if self._pilot.armed and abs(error) > TURNED_ENOUGH:
+        if self._vehicle.armed and abs(error) > TURNED_ENOUGH:
             self._shown += astray * dt
             if self._shown >= SHOWN_MPS:
                 self._by_course, self._shown = True, 0.0
@@ -212,7 +215,7 @@ class NavigationFilter(ABC):
         """Without a barometer the GPS and the accelerometers hold it."""
         if belief.baro_lost:
             return
-        now, ratio = self._pilot.now, abs(belief.innovation[2]) / (GATE * math.sqrt(self.HEIGHT_VARIANCE))
+        now, ratio = self._vehicle.now, abs(belief.innovation[2]) / (GATE * math.sqrt(self.HEIGHT_VARIANCE))
         self.ratios["height"] = max(ratio, self.USUAL["height"])
         if ratio < 1.0:
             self._height_passed = now

@@ -71,8 +71,8 @@ class Cascade:
         self._mix_lean, self._mix_turn = mix[:, 1:3], mix[:, 3:]
         expo = airframe.thrust_expo
         self._least = (1.0 - expo) * MIN_THROTTLE + expo * MIN_THROTTLE**2
-        self._torque_nm = Allocator(airframe).torque_nm[:, None]
-        self._rate: Array = np.zeros((3, n))  # body rates asked for
+        self.allocator = Allocator(airframe)
+        self.want_rate: Array = np.zeros((3, n))  # body rates asked for, rad/s
         self.want_vel: Array = np.zeros((3, n))  # what the velocity loop follows and gives
         self.want_acc: Array = np.zeros((3, n))
         self._flying: Flags = np.zeros(n, dtype=bool)
@@ -143,7 +143,7 @@ class Cascade:
         ref.pos, ref.vel, ref.acc = est.pos.copy(), est.vel.copy(), np.zeros_like(est.vel)
         self.vel_i[:] = 0.0
         self.rate_i[:] = 0.0
-        self._rate[:] = 0.0
+        self.want_rate[:] = 0.0
         self._by_rates = self._by_torque = None
         self.attitude = est.q.copy()
         self.yaw = yaw_of(est.q)
@@ -181,11 +181,6 @@ class Cascade:
         if any_of(ballistic):
             self.thrust[ballistic] = sp.thrust[ballistic] * self._full_n
 
-    @property
-    def want_rate(self) -> Array:
-        """(3, N) rad/s: body rates asked for."""
-        return self._rate
-
     def level(self, est: Estimated) -> None:
         """Attitude loop, once a tick: sets the body rates to hold."""
         error = quat_error(self.attitude, est.q)
@@ -195,7 +190,7 @@ class Cascade:
         if self._by_rates is not None:
             rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
             self._thrust_at_once(self._by_rates)
-        self._rate = rate
+        self.want_rate = rate
 
     def _thrust_at_once(self, who: Flags) -> None:
         """Beside body rates or torques a thrust does not wait for the outer loops' next turn."""
@@ -207,7 +202,7 @@ class Cascade:
         if not any_of(self._flying):
             return self._idle
         gains = self.gains
-        miss = self._rate - est.rate
+        miss = self.want_rate - est.rate
         kept = clamp(self.rate_i + miss * (gains.rate_i * dt), -gains.rate_i_max, gains.rate_i_max)
         all_fly = all_of(self._flying)
         self.rate_i = kept if all_fly else kept * self._flying
@@ -215,7 +210,7 @@ class Cascade:
         spin[2] += self._turn_acc
         torque = self._inertia * spin
         if self._by_torque is not None:
-            torque[:, self._by_torque] = (self.setpoints.body * self._torque_nm)[:, self._by_torque]
+            torque[:, self._by_torque] = (self.setpoints.body * self.allocator.torque_nm[:, None])[:, self._by_torque]
             self.rate_i[:, self._by_torque] = 0.0
         throttle = self._mix(torque)
         return throttle if all_fly else np.where(self._flying, throttle, self._idle)

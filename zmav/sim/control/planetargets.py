@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from zmav.sim.arrays import Array
-from zmav.sim.control.setpoints import Vector
 
 
 class Lateral(enum.IntEnum):
@@ -237,9 +236,3 @@ class PlaneHandle:
         t.roll_limit[i] = roll
         t.pitch_min[i], t.pitch_max[i] = pitch
         t.throttle_min[i], t.throttle_max[i] = throttle
-
-    @property
-    def target(self) -> Vector:
-        """The end of the line, or the centre of the circle, with the height, in the world's NED."""
-        t, i = self._t, self._i
-        return float(t.end[0, i]), float(t.end[1, i]), -float(t.height[i])

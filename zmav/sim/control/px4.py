@@ -28,7 +28,6 @@ from zmav.sim.arrays import (
     quat_multiply,
     thrust_frame,
 )
-from zmav.sim.control.allocation import Allocator
 from zmav.sim.control.cascade import Cascade, Estimated
 from zmav.sim.control.setpoints import ACCELERATION, DIRECT, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe
@@ -46,7 +45,6 @@ class Px4Cascade(Cascade):
         super().__init__(airframe, setpoints, start, yaw)
         n = start.shape[1]
         self.gains.hover[:] = airframe.hover_share
-        self.allocator = Allocator(airframe)
         self._vel_before: Array = np.zeros((3, n))
         self.vel_dot: Array = np.zeros((3, n))
         self._rate_before: Array = np.zeros((3, n))
@@ -165,7 +163,7 @@ class Px4Cascade(Cascade):
         if self._by_rates is not None:
             rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
             self._thrust_at_once(self._by_rates)
-        self._rate = rate
+        self.want_rate = rate
 
     def inner(self, est: Estimated, dt: float) -> Array:
         if not any_of(self._flying):
@@ -177,8 +175,8 @@ class Px4Cascade(Cascade):
         share = dt / (dt + 1.0 / (2.0 * np.pi * GYRO_D_CUTOFF_HZ))
         self.rate_dot += ((est.rate - self._rate_before) / dt - self.rate_dot) * share
         self._rate_before = est.rate.copy()
-        miss = self._rate - est.rate
-        torque = miss * self._p + self.rate_i - self.rate_dot * self._d + self._rate * g.rate_ff
+        miss = self.want_rate - est.rate
+        torque = miss * self._p + self.rate_i - self.rate_dot * self._d + self.want_rate * g.rate_ff
         self._integrate_rates(miss, dt)
         if self._by_torque is not None:
             torque[:, self._by_torque] = self.setpoints.body[:, self._by_torque]

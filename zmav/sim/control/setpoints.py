@@ -61,6 +61,7 @@ LIMITS = {
     "yaw_slew": (math.radians(60.0), 6.0),  # ATC_SLEW_YAW
 }
 FASTEST_TURN = LIMITS["yaw_slew"][1]
+HIGHEST = 1e3  # of any gain: beyond it the numbers, not the vehicle, would fly away
 
 
 class Setpoints:
@@ -179,8 +180,10 @@ class SetpointHandle:
         self._t.limits[name][self._i] = min(max(value, 1e-3), LIMITS[name][1])
 
     def tune(self, gain: str, axes: tuple[int, ...], value: float) -> None:
-        """Set one of :class:`~zmav.sim.control.gains.Gains` by its name, on some of its rows."""
-        self._t.gains.tune(self._i, gain, axes, value)
+        """Set one of :class:`~zmav.sim.control.gains.Gains` by its name, on some of its rows; never below
+        zero, nor beyond :data:`HIGHEST`.
+        """
+        self._t.gains.tune(self._i, gain, axes, min(max(value, 0.0), HIGHEST))
 
     def limit_of(self, name: str) -> float:
         return float(self._t.limits[name][self._i])

@@ -32,7 +32,7 @@ LIGHT, HEAVY = 0.5, 0.9  # shares of the energy rates that speeding up and slowi
 
 
 class Tecs:
-    """What comes out: ``pitch`` (rad), ``throttle`` (0 to 1); ``speed_error`` and ``height_error`` (m/s, m)."""
+    """What comes out: ``pitch`` (rad), ``throttle`` (0 to 1); ``speed_error`` (m/s, true airspeed)."""
 
     def __init__(self, targets: PlaneTargets) -> None:
         n = targets.lateral.shape[0]

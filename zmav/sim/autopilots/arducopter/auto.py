@@ -82,7 +82,7 @@ class Auto(AutoMode):
     def is_landing(self) -> bool:
         if isinstance(self.leg, LandAt):
             return self.leg.descending
-        return isinstance(self.leg, ReturnToLaunch) and self.rtl.landing
+        return isinstance(self.leg, ReturnToLaunch) and self.rtl.is_landing
 
     @property
     def taking_off(self) -> bool:
@@ -251,7 +251,7 @@ class ReturnToLaunch(Leg):
         self.auto.rtl.update()
 
     def done(self) -> bool:
-        return self.auto.rtl.landing and self.copter.landed
+        return self.auto.rtl.is_landing and self.copter.landed
 
 
 class LandAt(Leg):

@@ -7,7 +7,6 @@ from abc import ABC
 from collections.abc import Mapping
 from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.state import Mode
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.base import Installation
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
@@ -18,7 +17,6 @@ LANDED_AFTER_S = 1.0  # of standing on the ground without thrust
 SOFTENED_AFTER_S = 0.2  # of that, from which on a landing gives up its place
 MAV_TYPE_QUADROTOR, MAV_TYPE_HEXAROTOR = 2, 13
 LOOK_SHARE = 0.05  # of the allowed speed: slower motion does not turn the nose
-HIGHEST = 1e3  # of any gain: beyond it the numbers, not the vehicle, would fly away
 # To thrust, as measured: from the order to lift off, and from arming (after which the motors stand still for 2 s).
 SPOOL_UP_S, ARMING_S = 2.0, 3.2
 
@@ -50,8 +48,8 @@ _LIMITS = {
     "WPNAV_ACCEL_Z": ("accel_z", 0.01),
     "PSC_JERK_XY": ("jerk", 1.0),
     "PSC_JERK_Z": ("jerk_z", 1.0),
-    "ANGLE_MAX": ("lean", 0.01 * 3.141592653589793 / 180.0),
-    "ATC_SLEW_YAW": ("yaw_slew", 0.01 * 3.141592653589793 / 180.0),
+    "ANGLE_MAX": ("lean", math.radians(0.01)),
+    "ATC_SLEW_YAW": ("yaw_slew", math.radians(0.01)),
 }
 
 
@@ -150,9 +148,6 @@ class CopterBase(ArduVehicle, ABC):
 
     # ---- what it can be told
 
-    def mode_refusal(self, mode: Mode) -> str:
-        return "in RC failsafe" if self.rc.lost and mode.manual_throttle else ""
-
     def mode_changed(self) -> None:
         self.sp.raw(False)
         self._choose_speeds()
@@ -187,7 +182,7 @@ class CopterBase(ArduVehicle, ABC):
     def param_changed(self, name: str, value: float) -> None:
         if name in GAINS:
             gain, axes, factor = GAINS[name]
-            self.sp.tune(gain, axes, min(max(value * factor, 0.0), HIGHEST))
+            self.sp.tune(gain, axes, value * factor)
         if name in _LIMITS:
             limit, factor = _LIMITS[name]
             if limit in self.speeds:

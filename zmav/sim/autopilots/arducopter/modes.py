@@ -32,6 +32,9 @@ class Stabilize(CopterMode):
     needs_position, armable, by_pilot, manual_throttle = False, True, True, True
     throttle_to_arm = 0.02
 
+    def blocked(self) -> str:
+        return "in RC failsafe" if self.copter.rc.lost else ""
+
     def update(self) -> None:
         copter, pilot = self.copter, self.copter.rc
         if pilot.throttle < 0.02 and copter.landed:
@@ -143,12 +146,8 @@ class Rtl(CopterMode):
         self._since = 0.0
 
     @property
-    def landing(self) -> bool:
-        return self._leg == "land"
-
-    @property
     def is_landing(self) -> bool:
-        return self.landing
+        return self._leg == "land"
 
     def enter(self) -> None:
         copter = self.copter

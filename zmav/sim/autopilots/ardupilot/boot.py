@@ -76,15 +76,11 @@ class Boot:
         return event in self.reached
 
     @property
-    def flags_without_position(self) -> Flag:
-        return _ALIGNED | Flag.CONST_POS_MODE
-
-    @property
     def ekf_flags(self) -> Flag:
         """EKF_STATUS_REPORT.flags of this stage: 0x400, 0, 0xa7, then 0x33f with a position."""
         if self.has("position"):
             horizontal = Flag.POS_HORIZ_REL | Flag.POS_HORIZ_ABS | Flag.PRED_POS_HORIZ_REL | Flag.PRED_POS_HORIZ_ABS
             return _ALIGNED | horizontal
         if self.has("aligned"):
-            return self.flags_without_position
+            return _ALIGNED | Flag.CONST_POS_MODE
         return Flag(0) if self.has("ekf_started") else Flag.UNINITIALIZED

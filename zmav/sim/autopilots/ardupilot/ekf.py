@@ -21,21 +21,16 @@ DOUBT_AFTER_S, TRUST_AFTER_S = 1.1, 10.0  # innovations out of their gate; withi
 # Compass: its test ratio per gauss that it disagrees, how fast the heading follows it while that is below 1, how fast
 # the filter learns the disagreement away, and how long it waits for a compass that it does not believe.
 MAG_PER_GAUSS, MAG_FOLLOW_S, MAG_LEARN_S, MAG_RETRY_S = 5.2, 4.0, 14.0, 10.0
-_BASE = {"velocity": 0.008, "position": 0.004, "height": 0.0005, "compass": 0.011}
 
 
-class Ekf3(NavigationFilter):
+class Ekf3(NavigationFilter[VehicleState]):
     """One vehicle's filter."""
 
-    USUAL = _BASE
+    USUAL: ClassVar[dict[str, float]] = {"velocity": 0.008, "position": 0.004, "height": 0.0005, "compass": 0.011}
     POSITION_VARIANCE: ClassVar[float] = 0.28
     HEIGHT_VARIANCE: ClassVar[float] = 4.1
     HEIGHT_RETRY_S: ClassVar[float] = 10.0
     GROWTH, REACQUIRE_S, RESET_AFTER_S = 0.0172, 0.5, RETRY_WITH_VELOCITY_S + 0.2  # the next solution comes then
-
-    def __init__(self, vehicle: VehicleState) -> None:
-        self._vehicle = vehicle
-        super().__init__(vehicle)
 
     def power_on(self) -> None:
         now = self._vehicle.now
@@ -193,7 +188,7 @@ class Ekf3(NavigationFilter):
             self._turn_seen, self._by_course = turn, False
             self._shown, self._mag_passed = 0.0, now
         ratio = MAG_PER_GAUSS * belief.level_field * 2.0 * math.sin(self._compass_off / 2.0)
-        self.ratios["compass"] = max(ratio, _BASE["compass"])
+        self.ratios["compass"] = max(ratio, self.USUAL["compass"])
         if belief.compass_lost:
             return  # the gyroscopes carry the heading on
         if ratio < 1.0:

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots import items
-from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE, RELATIVE, TERRAIN
+from zmav.sim.autopilots.ardupilot.plan import MISSION_FRAME, kept_frame
 from zmav.sim.autopilots.ardupilot.state import DEBUG, INFO, NOTICE, WARNING, VehicleState
 from zmav.sim.autopilots.items import (
     CIRCLE_OUT,
@@ -268,9 +268,8 @@ class Rally(WholeList):
             return bad
         if not -_FARTHEST_M - 1 <= item.z <= _FARTHEST_M:
             return MissionResult.INVALID_PARAM7
-        frames = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
-        frame = next((kept for group, kept in frames if item.frame in group and item.frame != 2), None)
-        if frame is None:
+        frame = kept_frame(item.frame)
+        if frame is None or item.frame == MISSION_FRAME:
             return MissionResult.UNSUPPORTED_FRAME
         z = float(int(item.z))
         return Item(command=RALLY_POINT, frame=frame, x=item.x, y=item.y, z=z, seq=item.seq, autocontinue=0)

@@ -52,14 +52,16 @@ class Mission(ItemStore):
     most: ClassVar[int] = 650
 
     def __init__(
-        self, home: Callable[[], Item], param: Callable[[str], float], say: Callable[[int, str], None]
+        self,
+        performer: Performer,
+        home: Callable[[], Item],
+        param: Callable[[str], float],
+        say: Callable[[int, str], None],
+        sized: Callable[[int], None],
+        armed: Callable[[], bool],
     ) -> None:
-        self._home = home
-        self._param = param
-        self._say = say
-        self.performer: Performer | None = None
-        self.armed: Callable[[], bool] = lambda: False
-        self.sized: Callable[[int], None] = lambda count: None
+        self._performer, self._home, self._param = performer, home, param
+        self._say, self._sized, self._armed = say, sized, armed
         self.state = State.STOPPED
         self.nav: Item | None = None
         self._items: list[Item] = []
@@ -86,7 +88,7 @@ class Mission(ItemStore):
         """Home is set: the list has at least that."""
         if not self._items:
             self._items.append(self._home())
-            self._resized()
+            self._sized(len(self._items))
 
     def read(self, seq: int) -> Item | MissionResult:
         if seq == 0:
@@ -119,11 +121,11 @@ class Mission(ItemStore):
         if len(self._items) >= self.most:
             return False
         self._items.append(msgspec.structs.replace(item, seq=len(self._items)))
-        self._resized()
+        self._sized(len(self._items))
         return True
 
     def clear(self) -> bool:
-        if self.armed() and self.state is State.RUNNING:
+        if self._armed() and self.state is State.RUNNING:
             return False
         self._truncate(0)
         self.reset()
@@ -133,10 +135,7 @@ class Mission(ItemStore):
     def _truncate(self, count: int) -> None:
         if len(self._items) > count:
             del self._items[count:]
-            self._resized()
-
-    def _resized(self) -> None:
-        self.sized(len(self._items))
+            self._sized(len(self._items))
 
     # ---- starting and stopping
 
@@ -183,10 +182,10 @@ class Mission(ItemStore):
         if self.state is not State.RUNNING or not self._items:
             return
         if self._loaded and self.nav is not None:
-            self._loaded = not self._verify(self.nav)
+            self._loaded = not self._performer.verify(self.nav)
         if not self._loaded and not self._advance(1 if self.nav is None else self.nav.seq + 1):
             self._complete()
-        elif self._dos and self._verify(self._dos[0]):
+        elif self._dos and self._performer.verify(self._dos[0]):
             self._dos.popleft()
             if self._dos:
                 self._start(self._dos[0])
@@ -280,13 +279,8 @@ class Mission(ItemStore):
 
     def _start(self, item: Item) -> None:
         self._say(INFO, f"Mission: {item.seq} {KINDS[item.command].name}")
-        if self.performer is not None:
-            self.performer.start(item)
-
-    def _verify(self, item: Item) -> bool:
-        return self.performer is None or self.performer.verify(item)
+        self._performer.start(item)
 
     def _complete(self) -> None:
         self.state = State.COMPLETE
-        if self.performer is not None:
-            self.performer.finished()
+        self._performer.finished()

@@ -103,13 +103,18 @@ def _placed(item: Item, bare: Item) -> Item | MissionResult:
         return bad
     if not abs(item.z) < HIGHEST_M:
         return MissionResult.INVALID_PARAM7
-    frames = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
-    frame = next((kept for group, kept in frames if item.frame in group), None)
+    frame = kept_frame(item.frame)
     if frame is None:
         return MissionResult.UNSUPPORTED_FRAME
     # Altitudes are kept in whole centimetres.
     z = _single(int(_single(item.z * 100.0)) * 0.01)
     return msgspec.structs.replace(bare, frame=frame, x=item.x, y=item.y, z=z)
+
+
+def kept_frame(frame: int) -> int | None:
+    """The MAV_FRAME that a place is kept with; None for one that has no places."""
+    groups = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
+    return next((kept for group, kept in groups if frame in group), None)
 
 
 def is_navigation(item: Item) -> bool:

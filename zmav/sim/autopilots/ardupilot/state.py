@@ -193,6 +193,10 @@ class Mode(ABC):
         """On its way down to the ground."""
         return False
 
+    def blocked(self) -> str:
+        """Why it is not entered, armed or not; empty: it is."""
+        return ""
+
     def refusal(self) -> str:
         """Why an armed vehicle cannot enter; empty where it can."""
         return ""

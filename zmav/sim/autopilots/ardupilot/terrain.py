@@ -19,6 +19,8 @@ STRIDES = (24, 28)
 ACROSS, GRID = 8, 4
 """grids from west to east in a block, and heights along a grid"""
 BITS = 56
+MOST_BLOCKS = 256
+"""that it keeps; where there are more, those that it looked at the longest ago go"""
 
 
 class Block(NamedTuple):
@@ -41,11 +43,21 @@ class Terrain:
     def __init__(self, vehicle: VehicleState) -> None:
         self._vehicle = vehicle
         self._blocks: dict[Block, dict[int, list[int]]] = {}
+        self._turn = 0
+
+    @property
+    def _enabled(self) -> bool:
+        """By TERRAIN_ENABLE, which a rover does not have."""
+        return bool(self._vehicle.params.get("TERRAIN_ENABLE"))
 
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
-        """m above the sea; None: not known yet, and asked for."""
+        """m above the sea; None: not known yet, and asked for where it has terrain at all."""
+        if not self._enabled:
+            return None
         block = self._block_at(lat_deg, lon_deg)
-        grids = self._blocks.setdefault(block, {})
+        grids = self._blocks[block] = self._blocks.pop(block, {})
+        if len(self._blocks) > MOST_BLOCKS:
+            del self._blocks[next(iter(self._blocks))]
         north, east = block.steps_to(lat_deg, lon_deg)
         i, j = int(north), int(east)
         found = [self._height_of(grids, i + di, j + dj) for di in (0, 1) for dj in (0, 1)]
@@ -61,24 +73,29 @@ class Terrain:
         return 0.0 if here is None or home is None else here - home
 
     def request(self) -> dict[str, Any] | None:
-        """The fields of TERRAIN_REQUEST; None: it has all that it wants, or TERRAIN_ENABLE is 0."""
+        """The fields of TERRAIN_REQUEST; None: it has all that it wants, or TERRAIN_ENABLE is 0. Incomplete blocks take
+        turns: nobody may know one of them.
+        """
         vehicle = self._vehicle
-        if not vehicle.params["TERRAIN_ENABLE"] or not vehicle.position_ok:
+        if not self._enabled or not vehicle.position_ok:
             return None
-        self.above_home(vehicle.sense.north, vehicle.sense.east)
         for seq in range(1, len(vehicle.mission)):
             item = vehicle.mission.read(seq)
             if isinstance(item, Item) and item.command in LOCATED and not item.here:
                 self.height(item.x * 1e-7, item.y * 1e-7)
-        block, grids = min(self._blocks.items(), key=lambda each: len(each[1]))
+        self.above_home(vehicle.sense.north, vehicle.sense.east)
+        missing = [each for each in self._blocks.items() if len(each[1]) < BITS]
+        if not missing:
+            return None
+        self._turn += 1
+        block, grids = missing[self._turn % len(missing)]
         mask = sum(1 << bit for bit in range(BITS) if bit not in grids)
-        named = {"lat": block.lat, "lon": block.lon, "grid_spacing": block.spacing}
-        return {**named, "mask": mask} if mask else None
+        return {"lat": block.lat, "lon": block.lon, "grid_spacing": block.spacing, "mask": mask}
 
     def report(self) -> dict[str, Any] | None:
         """The fields of TERRAIN_REPORT."""
         vehicle = self._vehicle
-        if not vehicle.params["TERRAIN_ENABLE"]:
+        if not self._enabled:
             return None
         place = self._place((vehicle.sense.north, vehicle.sense.east))
         height = self.height(place.lat_deg, place.lon_deg)

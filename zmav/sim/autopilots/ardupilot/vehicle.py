@@ -70,18 +70,20 @@ class ArduVehicle(ArmingChecks, ABC):
         self._ready_s = into.ready_s
         self._ticks = 0
         self.pilot = Pilot()
-        self.rc = Radio(self, self.pilot)
         self.camera = Camera(self)
         self.terrain = Terrain(self)
         self.fence = Fence(self)
         self.rally = Rally(self, self.fence)
-        self.mission = Mission(self._home_item, params.__getitem__, lambda severity, text: self.say(severity, text))
-        self.mission.armed = lambda: self.armed
-        self.mission.sized = lambda count: self.sized("MIS_TOTAL", count)
         self.modes: dict[int, Mode] = {mode.number: mode for mode in self.make_modes()}
-        self.mission.performer = self.auto
+        self.mission = Mission(
+            self.auto,
+            self._home_item,
+            params.__getitem__,
+            say=lambda severity, text: self.say(severity, text),
+            sized=lambda count: self.sized("MIS_TOTAL", count),
+            armed=lambda: self.armed,
+        )
         self.reactions = self.make_reactions()
-        self.landed = True
         self.power_on()
         params.watch(self.param_changed)
         params.watch(self._battery_changed)
@@ -122,10 +124,6 @@ class ArduVehicle(ArmingChecks, ABC):
     def refusal_text(self, mode: Mode, why: str) -> str:
         """What is said where a mode is not entered."""
         return f"Mode change to {mode.name} failed: {why}"
-
-    def mode_refusal(self, mode: Mode) -> str:
-        """Why this kind does not enter a mode now; empty: it does."""
-        return ""
 
     def mode_changed(self) -> None:
         """Another mode was chosen and is about to be entered."""
@@ -267,7 +265,7 @@ class ArduVehicle(ArmingChecks, ABC):
             return "requires position"
         if self.armed and self.fence.blocks_mode_change and not by_fence:
             return "in fence recovery"
-        return self.mode_refusal(mode) or (mode.refusal() if self.armed else "")
+        return mode.blocked() or (mode.refusal() if self.armed else "")
 
     def move_home(self, place: Vector | None, *, lock: bool = False) -> bool:
         if not self.boot.has("origin"):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.state import INFO, WARNING, AutoMode
@@ -26,7 +25,6 @@ class Auto(PlaneMode, AutoMode):
     """Also the mission's performer: starts its commands and says when they are done."""
 
     number, name, auto_throttle, navigates, changes_speed = 10, "AUTO", True, True, True
-    armable: ClassVar[bool] = True
     NAVIGATION = (16, 17, 19, RTL, 21, 22, 31)
 
     leg: Leg | None = None
@@ -118,7 +116,7 @@ class AutoLand(PlaneMode):
 
     number, name, auto_throttle, navigates = 26, "AUTOLAND", True, True
 
-    def refusal(self) -> str:
+    def blocked(self) -> str:
         plane = self.plane
         if not plane.flying:
             plane.say(WARNING, "Must already be flying!")
@@ -209,7 +207,7 @@ class Takeoff(Leg):
         plane = self.plane
         self._height = -self.place[2]
         pitch = math.radians(self.item.p1) if self.item.p1 > 0 else NO_PITCH
-        plane.launch.begin(self._height + plane.home_world[2], pitch)
+        plane.launch.begin(pitch)
         plane.way.end = *plane.here[:2], -self._height
         self._course: float | None = None
         plane.taken_off = False

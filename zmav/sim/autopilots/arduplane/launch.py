@@ -15,7 +15,7 @@ LEVEL_OFF_FROM_M = 10.0
 
 
 class Launch:
-    """A take-off from ``ground`` (m over the world's origin) to ``height`` metres over it."""
+    """A take-off from ``ground`` (m over the world's origin)."""
 
     def __init__(self, plane: PlaneBase) -> None:
         self._plane = plane
@@ -24,14 +24,13 @@ class Launch:
     def reset(self) -> None:
         """As after disarming."""
         self.ground = -self._plane.sense.down
-        self.height = 0.0
         self.pitch = 0.0
         self._counting: float | None = None
         self._level_off: float | None = None
 
-    def begin(self, height: float, pitch: float) -> None:
+    def begin(self, pitch: float) -> None:
         """``pitch``: of the climb, rad."""
-        self.height, self.pitch, self._level_off = height, pitch, None
+        self.pitch, self._level_off = pitch, None
         self.ground = -self._plane.sense.down
 
     def released(self) -> bool:

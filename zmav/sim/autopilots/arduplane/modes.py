@@ -65,7 +65,7 @@ class PlaneMode(Mode):
 
 
 class Manual(PlaneMode):
-    number, name, by_pilot, manual_throttle = 0, "MANUAL", True, True
+    number, name = 0, "MANUAL"
 
     def fly(self) -> None:
         plane = self.plane
@@ -90,8 +90,7 @@ class Circle(PlaneMode):
 
 
 class FlyByWireA(PlaneMode):
-    number, name, by_pilot, manual_throttle = 5, "FBWA", True, True
-    captures_direction = True
+    number, name, captures_direction = 5, "FBWA", True
 
     def fly(self) -> None:
         plane, params = self.plane, self.plane.params
@@ -180,7 +179,7 @@ class Takeoff(PlaneMode):
     def _roll_out(self) -> None:
         """Wings level, until it is fast enough for a course."""
         plane = self.plane
-        plane.launch.begin(plane.params["TKOFF_ALT"], math.radians(plane.params["TKOFF_LVL_PITCH"]))
+        plane.launch.begin(math.radians(plane.params["TKOFF_LVL_PITCH"]))
         plane.launch.climb(-plane.sense.down + plane.params["TKOFF_ALT"])
         plane.sp.roll(0.0)
 
@@ -198,7 +197,7 @@ class Takeoff(PlaneMode):
         degrees = math.degrees(course) % 360.0
         plane.say(INFO, f"Takeoff to {height:.0f}m for {far:.1f}m heading {degrees:.1f} deg")
         self._aim(course, far, height)
-        plane.launch.begin(height, math.radians(params["TKOFF_LVL_PITCH"]))
+        plane.launch.begin(math.radians(params["TKOFF_LVL_PITCH"]))
         return True
 
     def _aim(self, course: float, far: float, up: float) -> None:
@@ -216,20 +215,17 @@ class Initialising(PlaneMode):
     def rest(self) -> None:
         self.fly()
 
-    def refusal(self) -> str:
+    def blocked(self) -> str:
         return "only the boot is in it"
 
 
 class Guided(PlaneMode, GuidedMode):
     number, name, auto_throttle, navigates, changes_speed = 15, "GUIDED", True, True, True
-    armable: ClassVar[bool] = True
 
     def enter(self) -> None:
         self.radius = 0.0
         self.doing, self.target = Doing.POSITION, Target()
-        self._roll: tuple[float, float] | None = None  # and until when
-        self._pitch: tuple[float, float] | None = None
-        self._throttle: tuple[float, float] | None = None
+        self._forced: dict[str, tuple[float, float]] = {}  # roll, pitch or throttle, and until when
         self._told = True
         self.plane.way.stay()
 
@@ -260,9 +256,8 @@ class Guided(PlaneMode, GuidedMode):
         """Angles (rad) and throttle (a share) from outside, for :data:`ATTITUDE_S` seconds."""
         until = self.plane.now + ATTITUDE_S
         self.doing = Doing.ATTITUDE
-        self._roll = self._roll if roll is None else (roll, until)
-        self._pitch = self._pitch if pitch is None else (pitch, until)
-        self._throttle = self._throttle if throttle is None else (throttle, until)
+        given = {"roll": roll, "pitch": pitch, "throttle": throttle}
+        self._forced |= {name: (value, until) for name, value in given.items() if value is not None}
 
     # ---- flying it
 
@@ -273,16 +268,13 @@ class Guided(PlaneMode, GuidedMode):
             self._told = True
             plane.reached(0)
         plane.fly_height(-way.down, plane.airspeed_wanted)
-        forced = False
-        if self._roll is not None and now < self._roll[1]:
-            plane.sp.roll(self._roll[0])
-            forced = True
-        if self._pitch is not None and now < self._pitch[1]:
+        forced = {name: value for name, (value, until) in self._forced.items() if now < until}
+        if "roll" in forced:
+            plane.sp.roll(forced["roll"])
+        if "pitch" in forced:
             low, high = (math.radians(plane.params[f"PTCH_LIM_{end}_DEG"]) for end in ("MIN", "MAX"))
-            plane.sp.pitch(min(max(self._pitch[0], low), high))
-            forced = True
+            plane.sp.pitch(min(max(forced["pitch"], low), high))
         plane.sp.yaw(0.0)
-        if self._throttle is not None and now < self._throttle[1]:
-            plane.sp.power(min(max(self._throttle[0], 0.0), 1.0))
-            forced = True
+        if "throttle" in forced:
+            plane.sp.power(min(max(forced["throttle"], 0.0), 1.0))
         self.doing = Doing.ATTITUDE if forced else Doing.POSITION

@@ -14,9 +14,6 @@ from zmav.sim.autopilots.arduplane.launch import Launch
 from zmav.sim.autopilots.arduplane.modes import Guided, PlaneMode, PlaneParts
 from zmav.sim.autopilots.arduplane.reactions import PlaneReactions
 from zmav.sim.autopilots.arduplane.way import Way
-from zmav.sim.autopilots.base import Installation
-from zmav.sim.control.planetargets import PlaneHandle
-from zmav.sim.dynamics.wing import Wing
 from zmav.sim.fleets.base import Sense
 
 QUADPLANE_MODES = frozenset((17, 18, 19, 20, 21, 22, 23, 25))
@@ -36,13 +33,9 @@ class ArduPlane(PlaneParts):
     guided: Guided
     reactions: PlaneReactions
 
-    def __init__(self, into: Installation[Wing, PlaneHandle]) -> None:
-        self.params, self.sense, self.now = into.params, into.sense, 0.0  # for those that look at once
+    def make_modes(self) -> list[Mode]:
         self.way, self.launch = Way(self), Launch(self)
         self.landing = Landing(self, self.way)
-        super().__init__(into)
-
-    def make_modes(self) -> list[Mode]:
         self.guided, self.auto = Guided(self), Auto(self)
         self.autoland = AutoLand(self)
         kinds: tuple[type[PlaneMode], ...] = (
@@ -100,9 +93,6 @@ class ArduPlane(PlaneParts):
             self.say(INFO, "Q_ENABLE 0")
             return False
         return super().set_mode(number, by_fence=by_fence)
-
-    def mode_refusal(self, mode: Mode) -> str:
-        return mode.refusal()
 
     def refusal_text(self, mode: Mode, why: str) -> str:
         fenced = why == "in fence recovery"

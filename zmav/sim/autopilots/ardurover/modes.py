@@ -60,10 +60,6 @@ class RoverMode(Mode):
         """Drive at another speed, m/s; False where the mode has none to choose."""
         return False
 
-    def blocked(self) -> str:
-        """Why it is not entered, armed or not; empty: it is."""
-        return ""
-
     def on_arming(self) -> None:
         """It goes on with what it has."""
 

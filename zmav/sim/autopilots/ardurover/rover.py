@@ -70,9 +70,6 @@ class ArduRover(RoverBase):
 
     # ---- what it can be told
 
-    def mode_refusal(self, mode: Mode) -> str:
-        return mode.blocked() if isinstance(mode, RoverMode) else ""
-
     def refusal_text(self, mode: Mode, why: str) -> str:
         return "Flight mode change failed"
 

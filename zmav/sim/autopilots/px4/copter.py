@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery
 from zmav.sim.autopilots.px4.ekf import Ekf2
@@ -19,7 +21,6 @@ from zmav.sim.fleets.base import Sense
 TICK_S = 0.01
 CHECK_EVERY, FENCE_EVERY = 10, 20  # ticks
 _STREAM_LIMITS = {"speed": "MPC_XY_VEL_MAX", "speed_up": "MPC_Z_VEL_MAX_UP", "speed_down": "MPC_Z_VEL_MAX_DN"}
-_DEGREES = 3.141592653589793 / 180.0
 
 
 class Px4Copter(Px4Parts):
@@ -57,7 +58,7 @@ class Px4Copter(Px4Parts):
         self._flew = False
         self._fused = True
         self.sp.spool(Spool.OFF)
-        self.sp.limit("lean", self.params["MPC_TILTMAX_AIR"] * _DEGREES)
+        self.sp.limit("lean", math.radians(self.params["MPC_TILTMAX_AIR"]))
 
     # ---- what it knows
 
@@ -124,8 +125,7 @@ class Px4Copter(Px4Parts):
         self._stood_since = self.now
         self.home_world = (self.sense.north, self.sense.east, self.sense.down)
         self.failsafe.armed()
-        self.event(events.ARMED, bytes([events.EXTERNAL]))
-        self.say(6, events.ARM_TEXTS[events.EXTERNAL])
+        self.tell(events.ARMED, bytes([events.EXTERNAL]))
         self._fly_in(self.wanted)
         return True
 

@@ -20,20 +20,15 @@ HEADING_SIGMA, HEADING_GATE, HEADING_FOLLOW_S = 0.3, 2.6, 3.0  # EKF2_HEAD_NOISE
 AT_REST, MOVING = 0x3FF, 0x37F
 _VELOCITY_HORIZ, _POS_REL, _POS_ABS, _PRED_REL, _PRED_ABS = 2, 8, 16, 256, 512
 GPS_GLITCH = 1024
-_USUAL = {"velocity": 0.04, "position": 0.02, "height": 0.02, "compass": 0.04}
 
 
-class Ekf2(NavigationFilter):
+class Ekf2(NavigationFilter[Px4State]):
     """One vehicle's estimator; the heading that follows from the GPS's velocity alone is PX4's EKF-GSF."""
 
-    USUAL = _USUAL
+    USUAL: ClassVar[dict[str, float]] = {"velocity": 0.04, "position": 0.02, "height": 0.02, "compass": 0.04}
     POSITION_VARIANCE: ClassVar[float] = 0.3
     HEIGHT_VARIANCE: ClassVar[float] = 4.0
     GROWTH, REACQUIRE_S, RESET_AFTER_S = 0.01, 1.0, 7.0
-
-    def __init__(self, copter: Px4State) -> None:
-        self._copter = copter
-        super().__init__(copter)
 
     def power_on(self) -> None:
         self._good = True
@@ -46,13 +41,13 @@ class Ekf2(NavigationFilter):
     @property
     def flags(self) -> int:
         """ESTIMATOR_STATUS.flags."""
-        flags = MOVING if self._copter.armed else AT_REST
+        flags = MOVING if self._vehicle.armed else AT_REST
         if not self.good:
             flags &= ~(_VELOCITY_HORIZ | _POS_REL | _POS_ABS | _PRED_REL | _PRED_ABS)
         return flags | GPS_GLITCH if self.glitching else flags
 
     def without_fix(self, belief: Belief) -> None:
-        self._good = self._copter.now - self._passed <= WITHOUT_AID_S
+        self._good = self._vehicle.now - self._passed <= WITHOUT_AID_S
 
     @property
     def listens(self) -> bool:
@@ -74,7 +69,7 @@ class Ekf2(NavigationFilter):
             self._turn_seen, self._by_course, self._shown = turn, False, 0.0
         off = math.remainder(turn - belief.yaw_error, math.tau)
         ratio = 0.0 if self._by_course else abs(off) / (HEADING_GATE * HEADING_SIGMA)
-        self.ratios["compass"] = max(ratio, _USUAL["compass"])
+        self.ratios["compass"] = max(ratio, self.USUAL["compass"])
         if belief.compass_lost:
             return
         if ratio < 1.0 and not self._by_course:

@@ -29,7 +29,7 @@ def _event(name: str, levels: int, text: str = "", severity: int = 6) -> Event:
 ARM_DENIED = _event(
     "commander_arm_denied_resolve_failures", 0x62, "Arming denied: Resolve system health failures first\t", 2
 )
-ARMED = _event("commander_armed_by", 0x66)
+ARMED = _event("commander_armed_by", 0x66, "Armed by external command\t")
 DEFAULT_TAKEOFF = _event("navigator_takeoff_default_alt", 0x66)
 TAKEOFF_DETECTED = _event("commander_takeoff_detected", 0x66, "Takeoff detected\t")
 LANDING_DETECTED = _event("commander_landing_detected", 0x66, "Landing detected\t")
@@ -65,7 +65,6 @@ ARMING_SUMMARY = _event("commander_arming_check_summary", 0x88)
 HEALTH_SUMMARY = _event("commander_health_summary", 0x88)
 
 EXTERNAL, LANDING, PREFLIGHT, LOCKDOWN, FAILURE = 4, 6, 7, 9, 10  # why it was armed or disarmed
-ARM_TEXTS = {EXTERNAL: "Armed by external command\t"}
 DISARM_TEXTS = {
     EXTERNAL: "Disarmed by external command\t",
     LANDING: "Disarmed by landing\t",

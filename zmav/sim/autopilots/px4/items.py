@@ -72,7 +72,7 @@ class MissionItems(Px4Items):
 
 
 class FenceItems(Px4Items):
-    """Kept and given back; nothing acts on it."""
+    """Kept and given back; :class:`Fence` acts on its areas."""
 
     kind, title, most = FENCE, "Fence", 64
     known: ClassVar[set[int]] = _FENCES

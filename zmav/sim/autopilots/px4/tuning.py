@@ -41,7 +41,6 @@ GAINS: dict[str, tuple[str, tuple[int, ...], float]] = {
     **{f"MC_{axis}RATE_{letter}": (gain, rows, 1.0) for axis, rows in _AXES.items() for letter, gain in _RATE.items()},
 }
 HOVER = ("MPC_USE_HTE", "MPC_THR_HOVER")
-HIGHEST = 1e3  # of any gain: beyond it the numbers, not the vehicle, would fly away
 
 
 class Tuning:
@@ -59,7 +58,7 @@ class Tuning:
         """A parameter may have changed."""
         if name in GAINS and name in self._params:
             gain, axes, factor = GAINS[name]
-            self._sp.tune(gain, axes, min(max(self._params[name] * factor, 0.0), HIGHEST))
+            self._sp.tune(gain, axes, self._params[name] * factor)
         elif name in HOVER:
             self._sp.tune("hover", (), self._hover())
 
