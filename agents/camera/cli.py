@@ -21,6 +21,7 @@ from agents.camera.photos import PREFIX, Photos
 from agents.camera.settings import MOST_ZOOM, Calibration, CameraSettings
 from agents.camera.sources import open_source
 from zmav.cli.common import Work, connected, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.numbers import Between
 from zmav.cli.vehicles import matching
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
@@ -76,7 +77,7 @@ USUAL_FOV = math.radians(63.0)
 @click.argument("source")
 @click.option("--vehicle", required=True, help="The vehicle that the camera is on.")
 @name_option
-@click.option("--rate", type=click.FloatRange(0.2, 60.0), default=10.0, show_default=True, help="Pictures a second.")
+@click.option("--rate", type=Between(0.2, 60.0), default=10.0, show_default=True, help="Pictures a second.")
 @click.option("--size", callback=pair, default="640x480", show_default=True, help="Pixels at most.")
 @click.option("--quality", type=click.IntRange(10, 95), default=70, show_default=True, help="Of JPEG.")
 @click.option(
@@ -87,13 +88,13 @@ USUAL_FOV = math.radians(63.0)
     help="To begin with, and for readers that do not report.",
 )
 @click.option("--calibration", type=click.Path(path_type=Path), help="A file of the lens's constants: docs/camera.md.")
-@click.option("--fov", type=click.FloatRange(3.0, 170.0), metavar="DEG", help="Horizontal field of view instead.")
+@click.option("--fov", type=Between(3.0, 170.0), metavar="DEG", help="Horizontal field of view instead.")
 @click.option("--mount", callback=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")
 @click.option("--offset", callback=triple, metavar="F,R,D", help="Metres forward, right, down of the vehicle.")
 @click.option("--gimbal", is_flag=True, help="It is levelled: only the vehicle's heading counts.")
 @click.option(
     "--delay",
-    type=click.FloatRange(0.0, 5.0),
+    type=Between(0.0, 5.0),
     default=0.0,
     show_default=True,
     metavar="S",
@@ -210,7 +211,7 @@ def _agent_order(vehicles: str, camera: str, verb: str, as_json: bool, **args: A
 @camera.command("photo")
 @click.argument("vehicles")
 @name_option
-@click.option("--every", type=click.FloatRange(0.2, 3600.0), metavar="S", help="A series; ends with --stop or --count.")
+@click.option("--every", type=Between(0.2, 3600.0), metavar="S", help="A series; ends with --stop or --count.")
 @click.option("--count", type=click.IntRange(1), help="So many of a series.")
 @click.option("--stop", is_flag=True, help="End a series.")
 @json_option
@@ -233,7 +234,7 @@ def take_photo(vehicles: str, camera: str, every: float | None, count: int | Non
 
 @camera.command("zoom")
 @click.argument("vehicles")
-@click.argument("factor", type=click.FloatRange(1.0, MOST_ZOOM))
+@click.argument("factor", type=Between(1.0, MOST_ZOOM))
 @name_option
 @json_option
 @connected
@@ -314,9 +315,7 @@ class PictureRecorder:
     metavar="FOLDER",
     help="Write all pictures as they come, and a .csv of when each was taken.",
 )
-@click.option(
-    "--wait", type=click.FloatRange(0.1), default=10.0, show_default=True, help="Seconds for a first picture."
-)
+@click.option("--wait", type=Between(0.1), default=10.0, show_default=True, help="Seconds for a first picture.")
 @click.option(
     "--link",
     callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),

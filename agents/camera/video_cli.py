@@ -20,6 +20,7 @@ from agents.camera.streams import Stream, open_stream
 from agents.camera.video import VideoAgent
 from zmav import keys, wire
 from zmav.cli.common import dump, fleet_option, json_option, run, show_table, zenoh_options
+from zmav.cli.numbers import Between
 from zmav.client import Answer
 from zmav.config import load_fleet
 from zmav.errors import BadConfig, BadInput, TimedOut
@@ -49,9 +50,7 @@ def video() -> None:
     type=click.Path(path_type=Path),
     help="A fleet file, whose [vehicles.NAME.cameras] has the sources.",
 )
-@click.option(
-    "--rate", type=click.FloatRange(1.0, 60.0), default=30.0, show_default=True, help="Hz, asked of a device."
-)
+@click.option("--rate", type=Between(1.0, 60.0), default=30.0, show_default=True, help="Hz, asked of a device.")
 @click.option("--size", callback=pair, default="1280x720", show_default=True, help="Pixels, asked of a device.")
 @click.option(
     "--budget",
@@ -61,7 +60,7 @@ def video() -> None:
     help="To begin with, and for readers that do not report.",
 )
 @click.option(
-    "--delay", type=click.FloatRange(0.0, 5.0), default=0.0, show_default=True, metavar="S", help="From shutter to us."
+    "--delay", type=Between(0.0, 5.0), default=0.0, show_default=True, metavar="S", help="From shutter to us."
 )
 @click.option("--loop", is_flag=True, help="A file begins again at its end.")
 @fleet_option
@@ -115,7 +114,7 @@ async def _run(own: CameraSettings, streams: list[Stream], fleet: str, settings:
 
 
 @video.command("ls")
-@click.option("--wait", type=click.FloatRange(0.1, 30.0), default=1.0, show_default=True, help="Seconds for answers.")
+@click.option("--wait", type=Between(0.1, 30.0), default=1.0, show_default=True, help="Seconds for answers.")
 @json_option
 @fleet_option
 @zenoh_options
@@ -165,7 +164,7 @@ def _show(found: list[tuple[str, wire.VideoInfo]], as_json: bool) -> None:
     help="Pass it on: udp://HOST:PORT or tcp://HOST:PORT (MPEG-TS), rtp://HOST:PORT, or a file (MPEG-TS).",
 )
 @click.option("--sdp", "description", type=click.Path(path_type=Path), help="With rtp://: write what a player reads.")
-@click.option("--wait", type=click.FloatRange(0.1), default=10.0, show_default=True, help="Seconds for a first unit.")
+@click.option("--wait", type=Between(0.1), default=10.0, show_default=True, help="Seconds for a first unit.")
 @click.option(
     "--link",
     callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),

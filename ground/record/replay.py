@@ -24,7 +24,8 @@ import zmav
 from ground.record.cli import RECORDINGS, check_mcap
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
 from zmav import keys, wire
-from zmav.cli.common import Between, dialect_option, fleet_option, run, zenoh_options
+from zmav.cli.common import dialect_option, fleet_option, run, zenoh_options
+from zmav.cli.numbers import Between
 from zmav.client import Client
 from zmav.errors import BadConfig, BadInput, Clash
 from zmav.links.base import Link, LinkFinished

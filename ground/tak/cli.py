@@ -10,6 +10,7 @@ import msgspec
 from ground.host import host_name
 from zmav import keys
 from zmav.cli.common import Work, connected, json_option
+from zmav.cli.numbers import Between
 from zmav.client import Client
 from zmav.errors import BadUrl, missing_extra
 from zmav.process import log
@@ -22,12 +23,10 @@ EXPECTED = "tcp://HOST:8087, tls://HOST:8089, or udp://239.2.3.1:6969"
 @click.option("--cert", metavar="FILE", help="Our certificate for TLS; its password in $PYTAK_TLS_CLIENT_PASSWORD.")
 @click.option("--key", metavar="FILE", help="Its key, where that is a file of its own.")
 @click.option("--ca", metavar="FILE", help="Who signs the server's certificate.  [default: the system's authorities]")
-@click.option(
-    "--every", type=click.FloatRange(0.2, 60.0), default=1.0, show_default=True, help="Seconds between two positions."
-)
+@click.option("--every", type=Between(0.2, 60.0), default=1.0, show_default=True, help="Seconds between two positions.")
 @click.option(
     "--geoid",
-    type=click.FloatRange(-110.0, 90.0),
+    type=Between(-110.0, 90.0),
     help="Metres of the geoid above the ellipsoid there: heights are above the ellipsoid then.",
 )
 @click.option("--name", help="Name of this host.  [default: the credentials', or ground]")

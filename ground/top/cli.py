@@ -24,6 +24,7 @@ from ground.top.screen import Line, Ui, draw, table
 from ground.top.terminal import Terminal
 from ground.top.watch import Watch
 from zmav.cli.common import Work, connected, console
+from zmav.cli.numbers import Between
 from zmav.client import Client
 from zmav.doctor.words import clean
 from zmav.waiting import within
@@ -126,7 +127,7 @@ def usable(fd: int) -> bool:
 @click.option("--json", "as_json", is_flag=True, help="One JSON document (implies --once).")
 @click.option(
     "--wait",
-    type=click.FloatRange(0.1, 60.0),
+    type=Between(0.1, 60.0),
     default=2.0,
     show_default=True,
     help="Seconds at most to listen before something is printed.",

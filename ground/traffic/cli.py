@@ -10,6 +10,7 @@ import msgspec
 
 from ground.host import host_name
 from zmav.cli.common import Work, connected, console, dump, json_option, seconds_option
+from zmav.cli.numbers import Between
 from zmav.client import Client
 from zmav.errors import BadInput, missing_extra
 from zmav.process import log
@@ -40,14 +41,14 @@ COLUMNS = {
 @click.option("--at", metavar="LAT,LON", help="A place about which traffic is wanted, beside the vehicles'.")
 @click.option(
     "--reach",
-    type=click.FloatRange(1.0, 400.0),
+    type=Between(1.0, 400.0),
     default=50.0,
     show_default=True,
     help="Kilometres from a vehicle, or that place, within which aircraft are told of.",
 )
 @click.option(
     "--qnh",
-    type=click.FloatRange(850.0, 1100.0),
+    type=Between(850.0, 1100.0),
     help="Pressure at sea level, hPa: makes heights of pressure altitudes.",
 )
 @click.option(

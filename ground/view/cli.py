@@ -13,6 +13,7 @@ from ground.view.screen import LOST, PainterSettings, Screen, Sink
 from ground.view.table import Table
 from ground.view.watch import Watch
 from zmav.cli.common import Work, connected
+from zmav.cli.numbers import Between
 from zmav.client import Client
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import say, until_stopped
@@ -31,7 +32,7 @@ from zmav.process import say, until_stopped
 @click.option("--vehicles", multiple=True, metavar="PATTERN", help="Only these: quad1, quad*  (repeatable).")
 @click.option(
     "--size",
-    type=click.FloatRange(0.05, 100.0),
+    type=Between(0.05, 100.0),
     default=1.0,
     show_default=True,
     help="Of the models, which are about 2 m across.",

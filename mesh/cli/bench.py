@@ -15,6 +15,7 @@ from mesh.bench.flow import Flow, Stream
 from mesh.units import duration, rate, size
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
+from zmav.cli.numbers import Between
 from zmav.client import Client
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadInput
@@ -122,7 +123,7 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.command("bench")
 @click.argument("a")
 @click.argument("b")
-@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10]")
+@click.option("--seconds", type=Between(0.1, 3600.0), help="How long.  [default: 20; --rtt 10]")
 @click.option(
     "--class",
     "qos",
@@ -130,7 +131,7 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
     help="Class of service.  [default: latest-wins; --rtt and --recover realtime]",
 )
 @click.option("--rate", help="Payload offered: 1Mbit/s, 60kB/s.  [default: 1Mbit/s]")
-@click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
+@click.option("--hz", type=Between(0.01), help="Datagrams a second, instead of --rate.")
 @click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
 @click.option("--rtt", "kind", flag_value="rtt", help="Round trips by query.")
 @click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C.")

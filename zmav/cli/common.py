@@ -6,7 +6,6 @@ import functools
 import importlib
 import itertools
 import json
-import math
 import os
 import re
 import sys
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from zmav.cli.numbers import Between
 from zmav.errors import BadInput
 from zmav.trust import VARIABLE
 
@@ -93,14 +93,6 @@ class Verbs(click.Group):
             if isinstance(inner, CodeType) and inner.co_name == function and isinstance(inner.co_consts[0], str):
                 return inner.co_consts[0]
         return None
-
-
-class Between(click.FloatRange):
-    """Numbers in a range. NaN, which is neither above nor below any, is none; nor is infinity."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        found = super().convert(value, param, ctx)
-        return found if math.isfinite(found) else self.fail(f"{value!r} is no number", param, ctx)
 
 
 def zenoh_options(command: F) -> F:

@@ -13,6 +13,7 @@ import click
 from zmav import wire
 from zmav.cli import places
 from zmav.cli.common import F, Work, connected, json_option, tell
+from zmav.cli.numbers import Between
 from zmav.cli.vehicles import one
 from zmav.client import Client
 from zmav.errors import BadInput, Refused
@@ -51,8 +52,8 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 @_vector("sticks", "PITCH ROLL THRUST YAW", "-1 to 1, thrust 0 to 1: MANUAL_CONTROL.")
 @click.option("--rc", metavar="PWM,PWM,..", help="µs from channel 1 up; an empty one is left to the pilot's radio.")
 @click.option("--servo", metavar="PWM,PWM,..", help="µs from output 1 up; an empty one is left alone.")
-@click.option("--for", "seconds", type=click.FloatRange(min=0.1), default=5.0, show_default=True, help="Seconds.")
-@click.option("--rate", type=click.FloatRange(1.0, 200.0), default=20.0, show_default=True, help="Setpoints a second.")
+@click.option("--for", "seconds", type=Between(min=0.1), default=5.0, show_default=True, help="Seconds.")
+@click.option("--rate", type=Between(1.0, 200.0), default=20.0, show_default=True, help="Setpoints a second.")
 @click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of the lease.")
 @json_option
 @connected

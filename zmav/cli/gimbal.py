@@ -10,9 +10,10 @@ import click
 from zmav.cli import places
 from zmav.cli.common import Work, connected, json_option
 from zmav.cli.do import order
+from zmav.cli.numbers import Between
 from zmav.wire import Vector
 
-Degrees = click.FloatRange(-360.0, 360.0)
+Degrees = Between(-360.0, 360.0)
 
 
 @click.command("gimbal")

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import click
 
 import zmav
-from agents.planner.cli.numbers import refuse_endless
 from mesh.cli.options import file_option, own_name
 from zmav.cli.common import run, zenoh_options
+from zmav.cli.numbers import Between
 from zmav.config import load_fleet
 from zmav.errors import missing_extra
 from zmav.formats.tiles import open_source
@@ -24,8 +24,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _number(name: str, least: float, most: float, default: float, text: str) -> Callable[[F], F]:
-    within = click.FloatRange(least, most)
-    return click.option(name, type=within, callback=refuse_endless, default=default, show_default=True, help=text)
+    within = Between(least, most)
+    return click.option(name, type=within, default=default, show_default=True, help=text)
 
 
 @click.command("planner")

@@ -15,6 +15,7 @@ from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
 from zmav.cli.common import Work, connected, json_option, tell
+from zmav.cli.numbers import Between
 from zmav.wire import Vector, swarm
 
 GROUND, POLYGON = "N,E", "'N,E N,E ...'"
@@ -127,7 +128,7 @@ degrees = functools.partial(
 
 above_ground_option = click.option(
     "--above-ground",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Between(min=0.0, min_open=True),
     metavar="M",
     help="Metres above the ground, which the lanes follow.",
 )
@@ -214,7 +215,7 @@ search = goal_command(
     click.option("--alt", type=float, help="Metres above the origin."),
     above_ground_option,
     degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
-    click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True),
+    click.option("--overlap", type=Between(0.0, 0.9), default=0.1, show_default=True),
 )
 takeoff = goal_command(
     "takeoff",

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 import msgspec
 
-from agents.planner.cli.numbers import refuse_endless
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Plan, encode, read_plan, write_plan
 from agents.planner.model.scene import Scene, read_scene
 from agents.planner.model.validate import validate
 from agents.planner.solve.bound import least_makespan
 from zmav.cli.common import dump
+from zmav.cli.numbers import Between
 from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 
 if TYPE_CHECKING:
@@ -61,15 +61,13 @@ class Request:
 @click.option("--check", is_flag=True, help="Plan nothing: judge a plan, with SCENE.json PLAN.json.")
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.0, min_open=True),
-    callback=refuse_endless,
+    type=Between(min=0.0, min_open=True),
     help="Of the processor, to search at most; by the clock four times as long. [default: by N]",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
 @click.option(
     "--margin",
-    type=click.FloatRange(min=0.0),
-    callback=refuse_endless,
+    type=Between(min=0.0),
     default=0.0,
     show_default=True,
     help="Metres that two vehicles keep on top of their radii.",
