@@ -57,6 +57,8 @@ class Calls:
         future: Future[T] = Future()
 
         def task() -> None:
+            if not future.set_running_or_notify_cancel():
+                return  # who asked has been told that nobody does it
             try:
                 future.set_result(function())
             except BaseException as error:
@@ -67,8 +69,8 @@ class Calls:
         try:
             return future.result(timeout)
         except FutureTimeout:
-            if future.done():
-                raise  # the function's own
+            if not future.cancel() and future.done():
+                return future.result()  # done after all; or the function's own error
             raise TimedOut("the simulated world does not run") from None
 
     def do(self) -> None:
@@ -148,6 +150,7 @@ class Loop:
             self.failure = error
             with self.ticked:
                 self.ticked.notify_all()
+            self._over(TimedOut(f"the simulated world has failed: {error!r}"))
 
     def run(self) -> None:
         """Run in this thread until :meth:`stop`."""
