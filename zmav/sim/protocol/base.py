@@ -327,10 +327,18 @@ class Node(ABC):
         if handler is None:
             result: int = CommandResult.UNSUPPORTED
         else:
-            result = handler(self, command) if self.takes(command) else CommandResult.DENIED
+            result = self._carry_out(handler, command)
         if isinstance(result, bool):
             result = CommandResult.ACCEPTED if result else self.REFUSED
         channel.acknowledge(number, result, sender)
+
+    def _carry_out(self, handler: Handler, command: Command) -> int:
+        """The result of a command, also of one with a number that nothing can be done with: who asked is answered."""
+        try:
+            return handler(self, command) if self.takes(command) else CommandResult.DENIED
+        except _NO_NUMBER:
+            self.bad_messages += 1
+            return CommandResult.DENIED
 
     def _timesync(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["tc1"] == 0:

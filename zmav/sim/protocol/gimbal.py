@@ -108,7 +108,7 @@ class SimGimbal:
 
     def set_attitude(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """GIMBAL_MANAGER_SET_ATTITUDE."""
-        if self.there and (not self._px4 or sender == self.control):
+        if self.there and (not self._px4 or sender == self.control) and all(map(math.isfinite, msg["q"])):
             _, pitch, yaw = rotation.euler(msg["q"])
             self._turn(pitch, yaw, msg["flags"])
 
