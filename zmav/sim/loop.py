@@ -159,9 +159,8 @@ class Loop:
         self._pacer.restart()
         try:
             while not self._stopping:
-                wait = self._wait_s()
-                self._serve(wait)
-                if wait == 0.0:
+                self._serve(self._wait_s())
+                if self._wait_s() == 0.0:
                     self._advance_one()
                 self._flush()
         finally:
@@ -180,8 +179,6 @@ class Loop:
         return 0.0
 
     def _advance_one(self) -> None:
-        if self._pacer.paused:  # by whom we have just heard
-            return
         self._tick()
         if self._lockstep is not None:
             self._lockstep.ticked(self._now())
