@@ -318,15 +318,6 @@ class TestClock:
                 world.call(lambda: 1 // 0)
             assert world.call(lambda: 2) == 2  # it has taken no harm
 
-    def test_what_was_given_up_is_not_done_later(self) -> None:
-        world = World(copters=1, endpoint="tcp:0")
-        done: list[str] = []
-        with pytest.raises(TimedOut, match="does not run"):
-            world.call(lambda: done.append("late"), timeout=0.05)
-        with world:
-            world.call(lambda: done.append("now"))
-        assert done == ["now"]
-
     def test_waiting_has_an_end(self) -> None:
         with World(copters=1, endpoint="tcp:0", speed=50.0) as world, pytest.raises(TimedOut, match="simulated time"):
             world.wait_for(lambda: False, sim_s=1.0)
@@ -402,20 +393,6 @@ class TestPause:
             waiting = world.advance(1e5)
         with pytest.raises(TimedOut, match="has ended"):
             waiting.result(PATIENCE_S)
-
-    def test_so_is_a_failure(self) -> None:
-        world = World(copters=1, endpoint="tcp:0", speed=1.0)
-
-        def fail(now: float) -> None:
-            raise RuntimeError("a defect")
-
-        world.start()
-        waiting = world.advance(1e5)
-        world.externals.grant = fail  # type: ignore[method-assign]
-        with pytest.raises(TimedOut, match="a defect"):
-            waiting.result(PATIENCE_S)
-        with pytest.raises(RuntimeError, match="a defect"):
-            world.close()
 
 
 class TestDefects:
