@@ -101,7 +101,7 @@ class Loop:
         self._tick, self._now, self._status = tick, now, status
         self._pacer, self._externals, self._lockstep = pacer, externals, lockstep
         self.selector = selectors.DefaultSelector()
-        self.wiring = Wiring(self.selector, set(), now)
+        self.wiring = Wiring(self.selector, set())
         self.ticked = threading.Condition()
         """notified after each tick, and when the run has failed"""
         self.failure: BaseException | None = None
