@@ -173,9 +173,10 @@ def judge_params(
                 f"{was} on the bench, {is_now} now{' (accepted)' if ok else ''}",
             )
         )
-    rest = len(told) - MOST_TOLD
-    if rest > 0:
-        told = [*told[:MOST_TOLD], Check("parameters", "BAD", f"{rest} more differ: see 'zmav param diff'")]
+    told.sort(key=lambda check: check.status == "ok")  # what was accepted may be left untold
+    told, rest = told[:MOST_TOLD], told[MOST_TOLD:]
+    if rest:
+        told.append(Check("parameters", rest[0].status, f"{len(rest)} more differ: see 'zmav param diff'"))
     if not told:
         told = [Check("parameters", "ok", f"{len(now)} as they flew on the bench")]
     if counted:

@@ -190,6 +190,21 @@ def test_it_is_unplugged_and_plugged_in_again(make_world: MakeWorld, make_board:
     wait_until(lambda: only(world).in_hil and only(world).stream.controls > 20)
 
 
+def test_a_file_in_the_device_s_place_ends_nothing(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    """As a shell makes one that writes to a device which is not there."""
+    board = make_board()
+    world = make_world(hardware(board.link), speed=1.0)
+    wait_until(lambda: only(world).in_hil)
+    board.unplug()
+    board.link.write_text("")
+    wait_until(lambda: any("has gone" in note for note in world.externals.notes))
+    gone = world.time_s
+    wait_until(lambda: world.time_s > gone + 1.5)  # it has looked for the device by then
+    board.base_mode = 81
+    board.plug()
+    wait_until(lambda: only(world).in_hil)
+
+
 def test_a_device_that_is_not_there_yet_is_waited_for(
     make_world: MakeWorld, make_board: MakeBoard, tmp_path: Path
 ) -> None:

@@ -21,7 +21,7 @@ from tests.waiting import wait_until
 from zmav.cli.sim.run import flown_by, stack_vehicles
 from zmav.errors import BadConfig
 from zmav.hil.ardupilot import JsonVehicle
-from zmav.hil.binaries import Job, find_ardupilot, find_px4, px4_job
+from zmav.hil.binaries import Job, ardupilot_job, find_ardupilot, find_px4, px4_job
 from zmav.hil.craft import craft
 from zmav.hil.px4 import Px4Vehicle
 from zmav.sim import Home, VehicleSpec, World
@@ -209,6 +209,21 @@ class TestFinding:
             hil_world([flown(tmp_path / "nowhere")])
         with pytest.raises(BadConfig, match="is ardurover"):
             find_ardupilot(tree / "build/sitl/bin/ardurover", "arducopter")
+
+    def test_a_directory_that_cannot_be_made_is_said(self, tree: Path, tmp_path: Path) -> None:
+        (tmp_path / "file").write_text("")
+        with pytest.raises(BadConfig, match=r"cannot be written: Not a directory"):
+            ardupilot_job(
+                tree / "build/sitl/bin/arducopter",
+                craft("quad"),
+                instance=0,
+                sysid=1,
+                home=Position(47.0, 8.0, 400.0),
+                heading_deg=0.0,
+                directory=tmp_path / "file" / "quad1",
+                port=9002,
+                speed=1.0,
+            )
 
     def test_a_file_that_may_not_be_executed_is_said(self, tree: Path) -> None:
         binary = tree / "build/sitl/bin/arducopter"

@@ -185,6 +185,14 @@ def test_the_card_is_full_one_day() -> None:
     assert files.list("/") == [DirectoryEntry("a", None)]
 
 
+def test_directories_fill_it_too() -> None:
+    files = FileSystem("/a")
+    with pytest.raises(FileError) as caught:
+        for i in range(3_000):
+            files.mkdir(f"/a/d{i}")
+    assert caught.value.number == 28
+
+
 def test_the_checksum_is_the_protocols() -> None:
     table = []
     for n in range(256):  # as published: the reflected polynomial, begun with 0, not inverted

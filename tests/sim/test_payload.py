@@ -1,7 +1,8 @@
-"""Servos of the simulated ArduCopter."""
+"""Servos of the simulated ArduCopter, and gimbals."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import pytest
@@ -11,7 +12,7 @@ from zmav.sim import VehicleSpec
 if TYPE_CHECKING:
     from tests.sim.conftest import Desk, MakeDesk
 
-ACCEPTED, FAILED = 0, 4
+ACCEPTED, DENIED, FAILED = 0, 2, 4
 SERVO = 183
 
 
@@ -45,3 +46,19 @@ class TestServos:
         desk = make_desk([VehicleSpec(params={"SERVO9_FUNCTION": 7, "SERVO10_FUNCTION": 28})])
         assert desk.command(SERVO, 9, 1600) == FAILED
         assert desk.command(SERVO, 10, 1600) == ACCEPTED
+
+
+class TestGimbals:
+    @pytest.fixture
+    def fitted(self, make_desk: MakeDesk) -> Desk:
+        desk = make_desk([VehicleSpec(params={"MNT1_TYPE": 1})])
+        desk.world.step(1.0)
+        return desk
+
+    def test_an_attitude_that_is_none_turns_nothing(self, fitted: Desk) -> None:
+        for q in ([math.nan] * 4, [math.inf] * 4, [math.nan, 0.0, 0.0, 1.0]):
+            fitted.send("GIMBAL_MANAGER_SET_ATTITUDE", q=q)
+        assert fitted.vehicle.node.gimbal.angles == (0.0, 0.0)
+
+    def test_flags_that_are_no_number_are_answered(self, fitted: Desk) -> None:
+        assert fitted.command(1000, -10.0, 0.0, 0.0, 0.0, math.nan) == DENIED

@@ -184,8 +184,12 @@ def ardupilot_job(
     tree = _above(binary, "Tools/autotest")
     found = [tree / "Tools/autotest" / name for name in craft.defaults] if tree else []
     own = directory / OWN_PARAMS
-    directory.mkdir(parents=True, exist_ok=True)
-    own.write_text("".join(f"{name} {value:g}\n" for name, value in craft.params.items()), encoding="ascii")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        own.write_text("".join(f"{name} {value:g}\n" for name, value in craft.params.items()), encoding="ascii")
+    except OSError as error:
+        text, expected = f"{own} cannot be written: {error.strerror}", "a directory that may be written to"
+        raise BadConfig(text, field="directory", value=str(directory), expected=expected) from error
     defaults = [*(each for each in found if each.is_file()), own]
     command = [
         str(binary),

@@ -8,6 +8,7 @@ Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_M
 
 from __future__ import annotations
 
+import contextlib
 import os
 import selectors
 import termios
@@ -68,16 +69,15 @@ def open_device(path: str, baud: int) -> int:
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         settings = termios.tcgetattr(descriptor)
+        settings[0] = settings[1] = settings[3] = 0
+        settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
+        settings[4] = settings[5] = getattr(termios, f"B{baud}")
+        settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
+        termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+        termios.tcflush(descriptor, termios.TCIOFLUSH)
     except termios.error:
         os.close(descriptor)
         raise BadUrl(f"{path} is no serial device", field="hil", value=path, expected=_EXPECTED) from None
-    speed = getattr(termios, f"B{baud}")
-    settings[0] = settings[1] = settings[3] = 0
-    settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
-    settings[4] = settings[5] = speed
-    settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
-    termios.tcsetattr(descriptor, termios.TCSANOW, settings)
-    termios.tcflush(descriptor, termios.TCIOFLUSH)
     return descriptor
 
 
@@ -288,7 +288,8 @@ class HardwareVehicle(External):
             self.restarted()  # the world was faster than real time: what was missed is missed
         if self._line is None:
             if time.monotonic() >= self._next_try:
-                self._try()
+                with contextlib.suppress(BadUrl):  # what stands there now is none: one may yet come
+                    self._try()
         elif not self.in_hil and time.monotonic() >= self._next_beat:
             # PX4 says nothing on its USB port before it has heard a HEARTBEAT there.
             self._next_beat = time.monotonic() + BEAT_EVERY_S

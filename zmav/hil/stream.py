@@ -84,15 +84,15 @@ class HilStream:
         if self._is_due("beat", BEAT_EVERY_S):
             frames.append(self.heartbeat())
             unix_us = self._epoch_us + self.time_us
-            frames.append(self._pack("SYSTEM_TIME", time_unix_usec=unix_us, time_boot_ms=self.time_us // 1000))
-        if readings.gps is not None and readings.gps.time_s != self._fix_time:
+            frames.append(self.packer.pack("SYSTEM_TIME", time_unix_usec=unix_us, time_boot_ms=self.time_us // 1000))
+        if readings.gps.time_s != self._fix_time:
             self._fix_time = readings.gps.time_s
             frames.append(self._gps(readings.gps))
         frames.append(self._sensor(readings))
         return b"".join(frames)
 
     def heartbeat(self) -> bytes:
-        return self._pack("HEARTBEAT", type=GENERIC, autopilot=INVALID, system_status=ACTIVE)
+        return self.packer.pack("HEARTBEAT", type=GENERIC, autopilot=INVALID, system_status=ACTIVE)
 
     def _is_due(self, what: str, every_s: float) -> bool:
         now = self.plant.time_s
@@ -101,9 +101,6 @@ class HilStream:
         self._due[what] = max(self._due[what] + every_s, now)
         return True
 
-    def _pack(self, name: str, **fields: Any) -> bytes:
-        return self.packer.pack(name, **fields)
-
     def _sensor(self, readings: Readings) -> bytes:
         updated, troubles = IMU, self.plant.sensors.troubles
         if self._is_due("mag", MAG_EVERY_S) and not troubles.compass_lost[0]:
@@ -111,7 +108,7 @@ class HilStream:
         if self._is_due("baro", BARO_EVERY_S) and not troubles.baro_lost[0]:
             updated |= BARO | (PITOT if self.plant.craft.air_data else 0)
         (xacc, yacc, zacc), (xgyro, ygyro, zgyro), (xmag, ymag, zmag) = readings.accel, readings.gyro, readings.mag
-        return self._pack(
+        return self.packer.pack(
             "HIL_SENSOR",
             time_usec=self.time_us,
             xacc=xacc,
@@ -136,7 +133,7 @@ class HilStream:
         place = from_ned(fix.north, fix.east, fix.down, self.plant.around.place)
         speed = math.hypot(fix.vn, fix.ve)
         course = math.degrees(math.atan2(fix.ve, fix.vn)) % 360.0
-        return self._pack(
+        return self.packer.pack(
             "HIL_GPS",
             time_usec=self._epoch_us + round(fix.time_s * 1e6),
             fix_type=fix.fix_type,

@@ -110,11 +110,6 @@ def _rotation_rows(q: Array, first: Indices, second: Indices, factors: Array, pl
     return rows
 
 
-def euler_from_quat(q: Array) -> Array:
-    """(3, N) roll, pitch, yaw in radians (Z-Y-X, aerospace)."""
-    return euler_from_matrix(rotation_matrix(q))
-
-
 def euler_from_matrix(rot: Array) -> Array:
     """(3, N) roll, pitch, yaw in radians (Z-Y-X, aerospace) of :func:`rotation_matrix`'s (3, 3, N)."""
     out = np.empty((3, rot.shape[2]))

@@ -57,6 +57,8 @@ class Calls:
         future: Future[T] = Future()
 
         def task() -> None:
+            if not future.set_running_or_notify_cancel():
+                return  # who asked has been told that nobody does it
             try:
                 future.set_result(function())
             except BaseException as error:
@@ -67,8 +69,8 @@ class Calls:
         try:
             return future.result(timeout)
         except FutureTimeout:
-            if future.done():
-                raise  # the function's own
+            if not future.cancel() and future.done():
+                return future.result()  # done after all; or the function's own error
             raise TimedOut("the simulated world does not run") from None
 
     def do(self) -> None:
@@ -99,7 +101,7 @@ class Loop:
         self._tick, self._now, self._status = tick, now, status
         self._pacer, self._externals, self._lockstep = pacer, externals, lockstep
         self.selector = selectors.DefaultSelector()
-        self.wiring = Wiring(self.selector, set(), now)
+        self.wiring = Wiring(self.selector, set())
         self.ticked = threading.Condition()
         """notified after each tick, and when the run has failed"""
         self.failure: BaseException | None = None
@@ -148,6 +150,7 @@ class Loop:
             self.failure = error
             with self.ticked:
                 self.ticked.notify_all()
+            self._over(TimedOut(f"the simulated world has failed: {error!r}"))
 
     def run(self) -> None:
         """Run in this thread until :meth:`stop`."""
@@ -156,9 +159,8 @@ class Loop:
         self._pacer.restart()
         try:
             while not self._stopping:
-                wait = self._wait_s()
-                self._serve(wait)
-                if wait == 0.0:
+                self._serve(self._wait_s())
+                if self._wait_s() == 0.0:
                     self._advance_one()
                 self._flush()
         finally:
@@ -177,8 +179,6 @@ class Loop:
         return 0.0
 
     def _advance_one(self) -> None:
-        if self._pacer.paused:  # by whom we have just heard
-            return
         self._tick()
         if self._lockstep is not None:
             self._lockstep.ticked(self._now())

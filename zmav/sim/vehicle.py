@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import TypeVar
 
 from zmav.errors import BadInput
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
@@ -19,6 +20,7 @@ from zmav.sim.status import VehicleStatus
 
 CHANNELS, NARROWEST, WIDEST = 8, 800, 2200
 Autopilot = ArduCopter | ArduPlane | ArduRover | Px4Copter
+A = TypeVar("A", bound=ArduVehicle | Px4Copter)
 
 
 class SimVehicle:
@@ -36,42 +38,34 @@ class SimVehicle:
     @property
     def copter(self) -> ArduCopter:
         """The ArduCopter that flies it; BadInput where anything else does."""
-        if isinstance(self.brain, ArduCopter):
-            return self.brain
-        raise self._other("copter", "an ArduCopter")
+        return self._flown_by(ArduCopter, "copter", "an ArduCopter")
 
     @property
     def rover(self) -> ArduRover:
         """The ArduRover that drives it; BadInput where anything else does."""
-        if isinstance(self.brain, ArduRover):
-            return self.brain
-        raise self._other("rover", "an ArduRover")
+        return self._flown_by(ArduRover, "rover", "an ArduRover")
 
     @property
     def plane(self) -> ArduPlane:
         """The ArduPlane that flies it; BadInput where anything else does."""
-        if isinstance(self.brain, ArduPlane):
-            return self.brain
-        raise self._other("plane", "an ArduPlane")
+        return self._flown_by(ArduPlane, "plane", "an ArduPlane")
 
     @property
     def ardupilot(self) -> ArduVehicle:
         """What every ArduPilot has; BadInput where a PX4 flies it."""
-        if isinstance(self.brain, ArduVehicle):
-            return self.brain
-        raise self._other("ardupilot", "an ArduPilot")
+        return self._flown_by(ArduVehicle, "ardupilot", "an ArduPilot")  # type: ignore[type-abstract]  # isinstance takes it
 
     @property
     def px4(self) -> Px4Copter:
         """The PX4 that flies it; BadInput where anything else does."""
-        if isinstance(self.brain, Px4Copter):
-            return self.brain
-        raise self._other("px4", "a PX4")
+        return self._flown_by(Px4Copter, "px4", "a PX4")
 
-    def _other(self, field: str, expected: str) -> BadInput:
+    def _flown_by(self, kind: type[A], field: str, expected: str) -> A:
+        if isinstance(self.brain, kind):
+            return self.brain
         names = {ARDUCOPTER: "an ArduCopter", ARDUROVER: "an ArduRover", ARDUPLANE: "an ArduPlane", PX4: "a PX4"}
         found = self.spec.autopilot
-        return BadInput(f"{self.name} is {names[found]}", field=field, value=found, expected=expected)
+        raise BadInput(f"{self.name} is {names[found]}", field=field, value=found, expected=expected)
 
     @property
     def sysid(self) -> int:

@@ -319,6 +319,8 @@ class World:
             return
         for vehicle in self.vehicles:
             vehicle.node.late_us += int(seconds * 1e6)
+        if self.cameras is not None:
+            self.cameras.epoch_s += seconds
         self._behind_s += seconds
         if self._behind_s >= BEHIND_SAID_S and self._slow.take(None) is not None:
             self.say(

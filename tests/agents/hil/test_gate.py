@@ -102,6 +102,14 @@ def test_parameters_that_differ_are_named_unless_they_are_the_sensors() -> None:
     assert len(many) == gates.MOST_TOLD + 1 and many[-1].found.startswith("60 more differ")
 
 
+def test_however_many_parameters_may_be_accepted_and_what_is_not_is_named_first() -> None:
+    flown, now = {f"P{i}": 0 for i in range(100)}, {f"P{i}": 1 for i in range(100)}
+    accepted = judge_params("ardupilot", flown, now, ("P*",))
+    assert {check.status for check in accepted} == {"ok"} and accepted[-1].found.startswith("60 more differ")
+    found = judge_params("ardupilot", {**flown, "Z": 0}, {**now, "Z": 1}, ("P*",))
+    assert [check.name for check in found if check.status == "BAD"] == ["parameter Z"]
+
+
 def test_a_file_that_is_no_report_is_said(report: Report, tmp_path: Path) -> None:
     path = keep(report, tmp_path)
     assert find(tmp_path, "px1", "sil") == report

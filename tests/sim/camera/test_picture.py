@@ -187,6 +187,16 @@ def test_a_frame_of_a_stepped_world_is_of_its_time_and_place() -> None:
     world.close()
 
 
+def test_a_picture_of_a_world_that_fell_behind_has_the_vehicles_utc() -> None:
+    world = World([VehicleSpec(camera=CameraSpec())], epoch_s=500.0, scene=PLAIN)
+    world.step(1.0)
+    world.pacer.on_given_up(2.5)  # the computer slept
+    frame = world.camera("quad1").frame()
+    assert frame.time_s == pytest.approx(1.0)
+    assert frame.unix_s == pytest.approx(world.vehicles[0].node.unix_us / 1e6) == pytest.approx(503.5)
+    world.close()
+
+
 def test_without_opencv_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(BadConfig, match=r"zmav\[vision\]"):

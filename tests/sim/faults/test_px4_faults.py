@@ -87,6 +87,31 @@ def test_sensors_show_in_highres_imu(aloft: Companion) -> None:
     assert max(spread) - min(spread) > 40.0
 
 
+def test_a_pilot_who_is_not_heard_turns_his_switch_in_vain(aloft: Companion) -> None:
+    world, sticks = aloft.world, aloft.vehicle.px4.sticks
+    world.take("p", None, {5: 1500})
+    wait(aloft, 1.0)
+    assert sticks.alive
+    world.fault("p", "rc-loss")
+    wait(aloft, 2.0)
+    world.take("p", None, {5: 1600})
+    wait(aloft, 1.0)
+    assert not sticks.alive
+    world.clear("p")
+    wait(aloft, 1.0)
+    assert sticks.alive
+
+
+def test_a_radio_that_is_switched_on_while_it_is_not_heard_is_heard_afterwards(aloft: Companion) -> None:
+    aloft.world.fault("p", "rc-loss")
+    aloft.world.take("p", None, {5: 1600})
+    wait(aloft, 1.0)
+    assert not aloft.vehicle.px4.sticks.alive
+    aloft.world.clear("p")
+    wait(aloft, 1.0)
+    assert aloft.vehicle.px4.sticks.alive
+
+
 def test_it_hangs_and_is_reset(aloft: Companion) -> None:
     aloft.world.fault("p", "frozen")
     aloft.clear()

@@ -201,6 +201,10 @@ class TestOthers:
         """A camera, a gimbal, descriptions of components, a number that means nothing."""
         assert companion.command(512, message) == [2]
 
+    def test_a_system_id_that_is_no_number_is_answered(self, make_companion: MakeCompanion) -> None:
+        companion = make_companion(params={"MNT_MODE_IN": 4.0})
+        assert companion.command(1001, math.nan, 0.0) == [2]
+
     def test_it_does_not_speak_for_components_that_are_not_there(self, companion: Companion) -> None:
         companion.send("COMMAND_LONG", target_component=100, command=521)
         companion.send("COMMAND_LONG", target_component=100, command=512, param1=259)

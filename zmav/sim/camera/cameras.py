@@ -157,6 +157,7 @@ class Cameras:
             raise missing_extra("a simulated camera", "OpenCV", "vision")
         check_scene(scene)
         self.epoch_s = epoch_s
+        """UTC at 0 s of simulated time; later, where that fell behind real time"""
         self.all = [SimCamera(a.name, i, a.camera, self) for i, a in enumerate(actors) if a.camera is not None]
         self.server: Server | None = None
         """is ticked, and closed with the world"""

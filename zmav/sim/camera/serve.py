@@ -148,11 +148,10 @@ class CameraServer:
 
     def tick(self, now: float, snapshot: Callable[[], Poses]) -> None:
         """Hand the cameras that are due at ``now`` where everything is; all of them get the same."""
-        due = [feed for feed in self.feeds.values() if feed.due(now)]
-        poses = snapshot() if due else None
-        for feed in due:
-            assert poses is not None
-            feed.offer(poses)
+        if due := [feed for feed in self.feeds.values() if feed.due(now)]:
+            poses = snapshot()
+            for feed in due:
+                feed.offer(poses)
 
     def close(self) -> None:
         for feed in self.feeds.values():

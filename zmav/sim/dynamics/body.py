@@ -15,7 +15,7 @@ class Body(Protocol):
     ``pos``, ``vel``, ``accel`` (3, N): m, m/s, m/s^2 in the world (``accel`` of the last step, gravity included);
     ``q`` (4, N): attitude, body to world; ``rate`` (3, N): rad/s, body; ``wind`` (3, N): m/s, where the air moves to,
     set by the fleet before each step; ``contact`` (N,): it touches the ground; ``impact`` (N,): down speed of the last
-    touch, m/s, cleared by who reads it; ``terrain``: the ground, set once.
+    touch, m/s, cleared by who reads it.
     """
 
     dt: float

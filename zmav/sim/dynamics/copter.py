@@ -149,10 +149,10 @@ class CopterDynamics(RigidBodies):
 
     def _touch(self, force: Array, torque: Array, down: Array, total: Array) -> None:
         """Add what the ground does to those near it; notes first touches in ``impact``."""
-        height = -self.pos[2]
-        if np.minimum.reduce(height) > REACH_M:
+        if all_of(self.pos[2] < -REACH_M):
             self.contact[:] = False
             return
+        height = -self.pos[2]
         near = (height < REACH_M) & ~self.resting
         self.contact &= near | self.resting
         index = np.flatnonzero(near)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.sim.arrays import Array, Flags, all_of, any_of, clamp, dot, rotation_matrix
+from zmav.sim.arrays import Array, Flags, all_of, any_of, clamp, cross, dot, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.rigid import RigidBodies
 from zmav.sim.dynamics.wing import Wing
@@ -153,10 +153,10 @@ class PlaneDynamics(RigidBodies):
 
     def _ground(self, rot: Array, force: Array, torque: Array) -> None:
         """Add the forces of the ground on the wheels and tips of those near it; notes first touches in ``impact``."""
-        height = -self.pos[2]  # of the wheels, upright
-        if height.min() > CONTACT_REACH_M:
+        if all_of(self.pos[2] < -CONTACT_REACH_M):
             self.contact[:] = False
             return
+        height = -self.pos[2]  # of the wheels, upright
         near = (height < CONTACT_REACH_M) & ~self.resting
         self.contact &= near | self.resting
         index = np.flatnonzero(near)
@@ -174,13 +174,13 @@ class PlaneDynamics(RigidBodies):
         if not any_of(now):
             return
         rate = np.einsum("ijn,jn->in", rot, self.rate[:, index])
-        speed = self.vel[:, None, index] + np.cross(rate[:, None, :], points, axis=0)
+        speed = self.vel[:, None, index] + cross(rate[:, None], points)
         press = np.where(touching, np.maximum(self._stiff * depth + self._damp * speed[2], 0.0), 0.0)
         speed[2] = 0.0
         push = self._friction(rot, speed, press, index)
         push[2] -= press
         force[:, index] += push.sum(1)
-        twist = np.cross(points, push, axis=0).sum(1)
+        twist = cross(points, push).sum(1)
         torque[:, index] += np.einsum("jin,jn->in", rot, twist)
 
     def _friction(self, rot: Array, slide: Array, press: Array, index: NDArray[np.intp]) -> Array:

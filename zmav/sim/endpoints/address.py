@@ -79,13 +79,13 @@ def addresses(vehicles: Sequence[Sequence[str]]) -> list[list[Address]]:
     return found
 
 
-def parse_endpoint(text: str, index: int, host: str = LOOPBACK) -> Address:
+def parse_endpoint(text: str, index: int) -> Address:
     """The address of vehicle ``index`` (0, 1, ...). Raises :class:`BadUrl` naming what is expected."""
     kind, _, rest = text.partition(":")
     if "\0" in text:
         raise _bad(text)
     if kind in _PX4_LINKS:
-        return _parse_px4(kind, _PX4_LINKS[kind] if text == kind else rest, index, host, text)
+        return _parse_px4(kind, _PX4_LINKS[kind] if text == kind else rest, index, text)
     if kind == "pty":
         return _parse_pty(text, index)
     if kind in _SERIAL_PORTS and not rest:
@@ -94,17 +94,17 @@ def parse_endpoint(text: str, index: int, host: str = LOOPBACK) -> Address:
     number = _stepped(place, index)
     if kind not in (*_SERIAL_PORTS, "udp", "udp-listen") or number is None or (kind == "udp" and not (name and number)):
         raise _bad(text)
-    return Address(kind, name or host, number)
+    return Address(kind, name or LOOPBACK, number)
 
 
-def _parse_px4(kind: str, rest: str, index: int, host: str, text: str) -> Address:
+def _parse_px4(kind: str, rest: str, index: int, text: str) -> Address:
     local, _, remote = rest.partition(":")
     name, _, port = remote.rpartition(":")
     bound = _stepped(local, index)
     to = _stepped(port, min(index, _ONBOARD_REMOTES - 1) if kind == "onboard" else index)
     if bound is None or not to:
         raise _bad(text)
-    return Address(kind, name or host, to, bound)
+    return Address(kind, name or LOOPBACK, to, bound)
 
 
 def _parse_pty(text: str, index: int) -> Address:

@@ -33,12 +33,11 @@ class Flushed(Protocol):
 
 class Wiring(NamedTuple):
     """What the world does for its endpoints. ``selector`` calls each key's ``data`` when it is ready; everything in
-    ``waiting`` is flushed after each tick until it has nothing left; ``now`` gives simulated seconds.
+    ``waiting`` is flushed after each tick until it has nothing left.
     """
 
     selector: selectors.BaseSelector
     waiting: set[Flushed]
-    now: Callable[[], float]
 
 
 class Endpoint(Protocol):

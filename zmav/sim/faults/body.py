@@ -62,17 +62,18 @@ class RcLoss(AutopilotFault, frozen=True):
 
     def begin(self, victim: Victim) -> Undo:
         brain = victim.vehicle.brain
-        if isinstance(brain, Px4Copter):
-            sticks, had = brain.sticks, brain.sticks.radio
-            sticks.radio = False
+        if not isinstance(brain, Px4Copter):
+            brain.pilot.lose()
+            return brain.pilot.regain
+        sticks, had = brain.sticks, brain.sticks.radio
+        sticks.radio = False
+        sticks.pilot.lose()  # whatever the pilot switches on meanwhile is not heard
 
-            def switch_on() -> None:
-                brain.sticks.radio = had
+        def regain() -> None:
+            sticks.radio = sticks.radio or had
+            sticks.pilot.regain()
 
-            return switch_on
-        pilot = brain.pilot
-        pilot.lose()
-        return pilot.regain
+        return regain
 
 
 class Frozen(AutopilotFault, frozen=True):

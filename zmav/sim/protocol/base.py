@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from zmav.errors import BadMessage
@@ -85,7 +85,8 @@ class Node(ABC):
         self.late_us = 0
         """by which simulated time fell behind real time: a receiver tells UTC nevertheless"""
         self._router = Router(dialect, stands_in=self.STANDS_IN)
-        self._parts: list[Part] = []
+        self.parts: list[Part] = []
+        """all microservices that were added"""
         self.hung = False
         """a fault: it hears and says nothing"""
         self._ticking: list[Part] = []  # those that do something at a tick
@@ -123,16 +124,11 @@ class Node(ABC):
 
     def add(self, part: Part) -> None:
         """Offer a further microservice."""
-        self._parts.append(part)
+        self.parts.append(part)
         if type(part).tick is not Part.tick:
             self._ticking.append(part)
         for name, answer in part.answers().items():
             self.answer(name, answer)
-
-    @property
-    def parts(self) -> Sequence[Part]:
-        """All microservices that were added."""
-        return self._parts
 
     # ---- what a subclass says
 
@@ -168,12 +164,8 @@ class Node(ABC):
         return self._epoch_us + self.late_us + int(self.brain.now * 1e6)
 
     def name_in(self, command: Command) -> str:
-        """The message that a command names by its first parameter; empty for one that there is not."""
-        return self.dialect_name(round(command.p1)) if math.isfinite(command.p1) else ""
-
-    def dialect_name(self, msgid: int) -> str:
-        """Name of a message that this vehicle can report; empty for any other."""
-        return self._ids.get(msgid, "")
+        """The message that a command names by its first parameter; empty for one that this vehicle cannot report."""
+        return self._ids.get(round(command.p1), "") if math.isfinite(command.p1) else ""
 
     # ---- channels
 
@@ -182,7 +174,7 @@ class Node(ABC):
         channel = Channel(self.dialect, outlet, self.sysid, COMPONENT, self.brain.now, link)
         self.greet(channel)
         self.channels.append(channel)
-        for part in self._parts:
+        for part in self.parts:
             part.opened(channel)
         return channel
 
@@ -191,7 +183,7 @@ class Node(ABC):
             self.channels.remove(channel)
         self._router.forget(channel)
         self._pending = [p for p in self._pending if p[0] is not channel]
-        for part in self._parts:
+        for part in self.parts:
             part.closed(channel)
 
     # ---- out
@@ -210,10 +202,9 @@ class Node(ABC):
             self._reboot_at = None
             self.restart()
         for channel in self.channels:
-            if now >= channel.streams.next_due:
-                for name in channel.streams.due(now):
-                    if self.flows(name):
-                        self.report(channel, name)
+            for name in channel.streams.due(now) if now >= channel.streams.next_due else ():
+                if self.flows(name):
+                    self.report(channel, name)
         for part in self._ticking:
             if now >= part.due:
                 part.tick(now)
@@ -327,10 +318,18 @@ class Node(ABC):
         if handler is None:
             result: int = CommandResult.UNSUPPORTED
         else:
-            result = handler(self, command) if self.takes(command) else CommandResult.DENIED
+            result = self._carry_out(handler, command)
         if isinstance(result, bool):
             result = CommandResult.ACCEPTED if result else self.REFUSED
         channel.acknowledge(number, result, sender)
+
+    def _carry_out(self, handler: Handler, command: Command) -> int:
+        """The result of a command, also of one with a number that nothing can be done with: who asked is answered."""
+        try:
+            return handler(self, command) if self.takes(command) else CommandResult.DENIED
+        except _NO_NUMBER:
+            self.bad_messages += 1
+            return CommandResult.DENIED
 
     def _timesync(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["tc1"] == 0:

@@ -30,10 +30,13 @@ CAUSE = "corrections"
 
 
 class Carrier(Protocol):
-    """The vehicle that it is fitted to, as it sees that: a :class:`~zmav.sim.protocol.base.Node`."""
+    """The vehicle that something is fitted to, as that sees it: a :class:`~zmav.sim.protocol.base.Node`."""
 
     brain: ArduVehicle | Px4Copter
     seat: Seat
+
+    @property
+    def sysid(self) -> int: ...
 
 
 class CorrectedReceiver:

@@ -9,6 +9,8 @@ from zmav.mavlink.ftp import DirectoryEntry, Nak
 
 MOST = 8 << 20
 """bytes that clients can write; beyond them the card is full"""
+MOST_NAMES = 1024
+"""files and directories, likewise"""
 
 Maker = Callable[[str, int], bytes]
 """Makes a file's bytes: the part of its path behind "?", and the size of the reads it will be read by"""
@@ -138,7 +140,7 @@ class FileSystem:
     def _check_parent(self, path: str) -> None:
         if self._parent(path) not in self._directories:
             raise NOT_FOUND
-        if len(self._files) > 1024:
+        if len(self._files) + len(self._directories) > MOST_NAMES:
             raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
 
     @staticmethod

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from zmav import rotation
 from zmav.mavlink.results import CommandResult
-from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
-from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.protocol.channel import Channel, Command, Sender
+from zmav.sim.protocol.corrections import Carrier
 
 RETRACT, NEUTRAL, LOCK = 1, 2, 16
 YAW_FLAGS = 256 | 512 | 1024
@@ -31,15 +30,6 @@ ARDUPILOT_CAPS, PX4_CAPS = 206819, 132530
 MOUNT_TYPE, MODE_IN = "MNT1_TYPE", "MNT_MODE_IN"
 PITCH_DEG, YAW_DEG = (-90.0, 20.0), (-160.0, 160.0)
 PX4_PITCH_DEG, PX4_YAW_DEG = (-90.0, 90.0), (-360.0, 360.0)
-
-
-class Carrier(Protocol):
-    """The vehicle that it is fitted to, as it sees that: a :class:`~zmav.sim.protocol.base.Node`."""
-
-    brain: ArduVehicle | Px4Copter
-
-    @property
-    def sysid(self) -> int: ...
 
 
 class SimGimbal:
@@ -108,7 +98,7 @@ class SimGimbal:
 
     def set_attitude(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """GIMBAL_MANAGER_SET_ATTITUDE."""
-        if self.there and (not self._px4 or sender == self.control):
+        if self.there and (not self._px4 or sender == self.control) and all(map(math.isfinite, msg["q"])):
             _, pitch, yaw = rotation.euler(msg["q"])
             self._turn(pitch, yaw, msg["flags"])
 

@@ -89,8 +89,6 @@ class Streams:
 
     def due(self, now: float) -> list[str]:
         """Names to send now. Their next times keep the rate on average, whatever the step of the clock."""
-        if now < self.next_due:
-            return []
         ready = []
         for name, when in self._due.items():
             if now >= when - 1e-9:

@@ -17,7 +17,6 @@ from zmav.sim.arrays import (
     Array,
     Flags,
     euler_from_matrix,
-    euler_from_quat,
     quat_from_euler,
     quat_multiply,
     rotation_matrix,
@@ -34,8 +33,8 @@ _WEIGHT = np.array([[0.0], [0.0], [GRAVITY]])
 
 
 class Estimator:
-    """``pos``, ``vel`` (3, N) NED metres; ``q`` (4, N); ``rate`` (3, N) rad/s; after :meth:`observe` also ``euler``
-    and ``force``.
+    """``pos``, ``vel`` (3, N) NED metres; ``q`` (4, N); ``rate`` (3, N) rad/s; ``euler`` and ``force`` as they were at
+    the last :meth:`observe`.
 
     ``jumped(index, (north, east, down))`` and ``turned(index, angle)`` are told when a filter sets one vehicle's
     position or heading again, so that its controllers can move with it.
@@ -64,9 +63,8 @@ class Estimator:
         self._twist: Array | None = None
         self._twisted = False  # the Euler angles are of an attitude that was
         self._vel_error: Array | None = None
+        self._observed: tuple[Array, Array] | None = None
         self.settle()
-        self.euler: Array = euler_from_quat(dynamics.q)
-        self.force: Array = np.zeros((3, n))
         self.refresh()
         self.observe(0.0)
 
@@ -88,8 +86,8 @@ class Estimator:
         self.rate: Array = dyn.rate
 
     def observe(self, dt: float, *, moved: bool = True) -> None:
-        """Once a tick: errors, Euler angles (3, N) and accelerometer reading ``force`` (3, N) m/s^2 body. ``moved``:
-        the bodies may have, since the last.
+        """Once a tick: errors; Euler angles and accelerometers are read anew. ``moved``: the bodies may have, since the
+        last.
         """
         if not moved:
             self.refresh()
@@ -99,12 +97,27 @@ class Estimator:
         if self._astray:
             self._wander(dt)
         twisted, self._twisted = self._twisted, self._twist is not None
-        if not (moved or twisted or self._twisted):
-            return
-        body = rotation_matrix(self._dyn.q)
-        self.euler = euler_from_matrix(body if self._twist is None else rotation_matrix(self.q))
-        felt = self._dyn.accel - _WEIGHT
-        self.force = np.add.reduce(body * felt[:, None])  # from the world to the body
+        if moved or twisted or self._twisted:
+            self._observed = None
+
+    @property
+    def euler(self) -> Array:
+        """Roll, pitch, yaw (3, N), rad."""
+        return self._observe()[0]
+
+    @property
+    def force(self) -> Array:
+        """Accelerometer reading (3, N), m/s^2 body."""
+        return self._observe()[1]
+
+    def _observe(self) -> tuple[Array, Array]:
+        """Worked out when the first asks: not every autopilot looks at every tick."""
+        if self._observed is None:
+            body = rotation_matrix(self._dyn.q)
+            euler = euler_from_matrix(body if self._twist is None else rotation_matrix(self.q))
+            felt = self._dyn.accel - _WEIGHT
+            self._observed = euler, np.add.reduce(body * felt[:, None])  # the latter from the world to the body
+        return self._observed
 
     def target(self) -> Array:
         """(3, N) m NED: the error of a filter that follows its sensors."""

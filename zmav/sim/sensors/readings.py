@@ -50,5 +50,4 @@ class Readings(NamedTuple):
     temperature_c: float
     range_m: float
     """of the downward rangefinder, along the body's down axis; NaN where nothing is in its range"""
-    gps: GpsFix | None
-    """None before the first"""
+    gps: GpsFix

@@ -197,7 +197,7 @@ class SensorSuite:
     def _acceleration(self, index: int, turn: Matrix, bias: list[float], white: list[float]) -> Vector:
         """Specific force; as much as the accelerometers can show."""
         north, east, down = self._body.accel[:, index].tolist()
-        shake = self.noise.vibration * float(self.throttle[index]) + float(self.troubles.vibration[index])
+        shake = self.vibration(index)
         force = _apply(turn, [north, east, down - GRAVITY])
         parts = [force[i] + bias[i] + self.noise.accel_white * white[i] + shake * white[3 + i] for i in range(3)]
         x, y, z = (min(max(part, -FULL_SCALE), FULL_SCALE) for part in parts)

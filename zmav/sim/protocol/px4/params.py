@@ -18,13 +18,6 @@ HASH = "_HASH_CHECK"
 _UINT32, _INT32, _REAL32 = 5, 6, 9  # MAV_PARAM_TYPE
 
 
-def _to_field(value: float, kind: int) -> float:
-    if kind == _REAL32:
-        return value
-    raw = struct.pack("<I", int(value)) if kind == _UINT32 else struct.pack("<i", int(value))
-    return float(struct.unpack("<f", raw)[0])
-
-
 def from_field(number: float, kind: int) -> float:
     """The value behind the float field."""
     return number if kind == _REAL32 else float(struct.unpack("<i", struct.pack("<f", number))[0])
@@ -81,7 +74,7 @@ class Px4ParamProtocol(ParamProtocol):
         channel.send(
             "PARAM_VALUE",
             param_id=HASH,
-            param_value=_to_field(self.hash(), _UINT32),
+            param_value=self.to_field(self.hash(), _UINT32),
             param_type=_UINT32,
             param_count=len(self.store),
             param_index=NO_INDEX,
@@ -89,4 +82,7 @@ class Px4ParamProtocol(ParamProtocol):
 
     def to_field(self, value: float, kind: int) -> float:
         """Bytewise."""
-        return _to_field(value, kind)
+        if kind == _REAL32:
+            return value
+        raw = struct.pack("<I" if kind == _UINT32 else "<i", int(value))
+        return float(struct.unpack("<f", raw)[0])

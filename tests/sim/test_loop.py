@@ -1,0 +1,35 @@
+"""Calls into a world from other threads, and who waits for its steps."""
+
+from __future__ import annotations
+
+import pytest
+
+from zmav.errors import TimedOut
+from zmav.sim import World
+
+PATIENCE_S = 20.0
+
+
+def test_a_call_that_was_given_up_is_not_done_later() -> None:
+    world = World(copters=1, endpoint="tcp:0")
+    done: list[str] = []
+    with pytest.raises(TimedOut, match="does not run"):
+        world.call(lambda: done.append("late"), timeout=0.05)
+    with world:
+        world.call(lambda: done.append("now"))
+    assert done == ["now"]
+
+
+def test_a_failure_is_told_to_who_waits_for_steps() -> None:
+    world = World(copters=1, endpoint="tcp:0", speed=1.0)
+
+    def fail(now: float) -> None:
+        raise RuntimeError("a defect")
+
+    world.start()
+    waiting = world.advance(1e5)
+    world.externals.grant = fail  # type: ignore[method-assign]
+    with pytest.raises(TimedOut, match="a defect"):
+        waiting.result(PATIENCE_S)
+    with pytest.raises(RuntimeError, match="a defect"):
+        world.close()
