@@ -216,8 +216,8 @@ class Cycles:
                 return
         self._dt += state.dt
         if self._busy or worker is None:
-            # Links bring frames in bursts, and so does a computer that stood still: one close behind another is no
-            # cycle of its own, and an answer may still be to be read.
+            # Frames come in bursts, of links and where this computer stood still: one close behind another is no cycle
+            # of its own, and an answer may still be to be read.
             if now - self._told > BURST * estimate.period:
                 self._told = now
                 self._overdue()
