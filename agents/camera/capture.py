@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
-from zmav.errors import ZmavError
 from zmav.vision.opencv import Image
 
 FIRST_WAIT, LONGEST_WAIT = 0.5, 8.0
@@ -88,7 +87,7 @@ class Capture:
                     if self._closed.is_set():
                         return
                 why = ""
-            except (Lost, OSError, ZmavError) as e:
+            except Exception as e:  # of OpenCV, FFmpeg and HTTP, too: a thread that ends would say nothing of it
                 why = str(e) or type(e).__name__
             if not why:
                 break

@@ -21,6 +21,7 @@ import msgspec
 from agents.camera.capture import Lost, Shot, without_password
 from agents.camera.settings import Calibration
 from zmav.errors import BadConfig
+from zmav.vision.chunks import LATEST_T
 from zmav.wire.base import Vector
 
 PATIENCE = 10.0
@@ -122,7 +123,7 @@ def _taken(headers: dict[str, str]) -> float | None:
         t = float(headers["x-timestamp"])
     except (KeyError, ValueError):
         return None
-    return t if math.isfinite(t) and t > 0.0 else None
+    return t if 0.0 < t < LATEST_T else None  # in milliseconds no reader would take it
 
 
 class TheirClock:

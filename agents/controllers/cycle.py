@@ -105,6 +105,9 @@ class Cycles:
         self._dt = 0.0
         """s by the autopilot's clock since the controller was asked last"""
         self._begun = 0.0
+        """monotonic s at which the controller was asked last"""
+        self._told = 0.0
+        """monotonic s of the last attitude that was a cycle of its own"""
         self._reference = Reference()
         self._applied: Trim | None = None
         """what the last output asked for: where the next class begins that is loaded in flight"""
@@ -131,7 +134,8 @@ class Cycles:
         with self.lock:
             self.guard.begin(self.estimate.state, height)
             self._lease, self.counters = lease, CycleCounters()
-            self._late, self._applied = 0, None
+            # What it was asked while it looked on gives no output: nobody waits for that.
+            self._busy, self._late, self._applied = False, 0, None
             self.phase = Phase.ENGAGING
 
     def presume(self) -> None:
@@ -212,13 +216,15 @@ class Cycles:
                 return
         self._dt += state.dt
         if self._busy or worker is None:
-            # Links bring frames in bursts: one close behind another is no cycle of its own.
-            if worker is None or now - self._begun > BURST * estimate.period:
+            # Frames come in bursts, of links and where this computer stood still: one close behind another is no cycle
+            # of its own, and an answer may still be to be read.
+            if now - self._told > BURST * estimate.period:
+                self._told = now
                 self._overdue()
             return
         state.dt, self._dt = min(self._dt, MOST_DT), 0.0
         self._number = (self._number + 1) & 0xFFFFFFFF
-        self._busy, self._begun = True, now
+        self._busy, self._begun, self._told = True, now, now
         trim = estimate.trim if self._applied is None else self._applied
         worker.send(packets.pack_cycle(self._number, phase, state, reference, trim))
 

@@ -43,8 +43,6 @@ class ControllerProcess:
     def __init__(self, line: socket.socket) -> None:
         self._line = line
         self._what = ""
-        self._kind: type[Controller] | None = None
-        self._tuned: dict[str, float] = {}
         self._stack: Stack | None = None
         self._begun = False
         """it was reset by a cycle"""
@@ -66,8 +64,8 @@ class ControllerProcess:
     def _cycle(self, data: bytes) -> None:
         number, phase, state, reference, trim = packets.unpack_cycle(data)
         try:
-            output = self._step(phase, state, reference, trim)
-            signals = self._signals()
+            output, stack = self._step(phase, state, reference, trim), self._stack
+            signals = {} if stack is None else {**inner_signals(stack.followed), **stack.signals}
             answer = packets.pack_output(number, output, signals)
             self._failed = False
         except Exception as e:
@@ -79,7 +77,9 @@ class ControllerProcess:
                 self._line.send(packets.pack_output(number, None, {}))
             self._failed = True
             return
-        self._tell_names(tuple(signals))
+        if tuple(signals) != self._names:
+            self._names = tuple(signals)
+            self._say(names=self._names)
         self._line.send(answer)
         self._cycles += 1
         if self._cycles % COLLECT_EVERY == 0:
@@ -96,15 +96,6 @@ class ControllerProcess:
             return None
         return checked(stack.update(state, reference), stack.controller.gives)
 
-    def _signals(self) -> dict[str, float]:
-        stack = self._stack
-        return {} if stack is None else {**inner_signals(stack.followed), **stack.signals}
-
-    def _tell_names(self, names: tuple[str, ...]) -> None:
-        if names != self._names:
-            self._names = names
-            self._say(names=names)
-
     # What it is told.
 
     def _hear(self, said: dict[str, Any]) -> None:
@@ -117,35 +108,34 @@ class ControllerProcess:
                 self._say(because=f"not tuned: {where(e, self._what)}"[:MOST_TEXT])
 
     def _load(self, what: str, tuned: dict[str, float]) -> None:
-        self._what, self._tuned = what, tuned
+        self._what = what
         try:
-            self._kind = load(what)
-            _try(self._made())  # on one of its own: what it does there is not to be seen in flight
-            self._stack = stack = self._made()
+            kind = load(what)
+            _try(_made(kind, tuned))  # on one of its own: what it does there is not to be seen in flight
+            self._stack = stack = _made(kind, tuned)
         except BaseException as e:  # whatever a user's file does: even sys.exit()
             self._say(broken=where(e, what)[:MOST_TEXT])
             return
         gc.collect()
         gc.freeze()
-        kind = stack.controller
         self._say(
-            loaded=type(kind).__name__,
+            loaded=kind.__name__,
             level=kind.level,
             gives=kind.gives,
-            doc=(type(kind).__doc__ or "").strip(),
+            doc=(kind.__doc__ or "").strip(),
             tunables={name: msgspec.to_builtins(each) for name, each in stack.tunables.items()},
         )
 
-    def _made(self) -> Stack:
-        assert self._kind is not None
-        stack = Stack(self._kind())
-        for name, value in self._tuned.items():
-            if name in stack.tunables:
-                stack.tune(name, value)
-        return stack
-
     def _say(self, **what: Any) -> None:
         self._line.send(packets.pack_message(**what))
+
+
+def _made(kind: type[Controller], tuned: dict[str, float]) -> Stack:
+    stack = Stack(kind())
+    for name, value in tuned.items():
+        if name in stack.tunables:
+            stack.tune(name, value)
+    return stack
 
 
 def checked(output: object, gives: str) -> Output:

@@ -424,8 +424,7 @@ class Supervisor(zmav.Agent):
         self._in_force()
         self._follows(args.level)
         with self.cycles.lock:
-            trim = self.estimate.trim
-            self.cycles.references.by_sticks(args.level, self.estimate.state, trim.thrust)
+            self.cycles.references.by_sticks(args.level, self.estimate.state, self.estimate.trim.thrust)
         return {"level": args.level}
 
     async def on_inject(self, args: Inject, report: Any, origin: Origin | None) -> dict[str, Any]:

@@ -71,8 +71,10 @@ class Play:
         self.processes.start(RECORDER, "record", *how, environment=where)
 
     def judge(self) -> None:
-        """Raise :class:`ZmavError` where two came nearer than the story allows."""
+        """Raise :class:`ZmavError` where two came nearer than the story allows, or nobody can say whether they did."""
         least, truth = self.demo.story.apart, self.truth
+        if least is not None and not truth.whole:
+            raise ZmavError(f"the simulator did not tell until the end where all were; {least:g} m apart was asked")
         if least is not None and truth.closest < least:
             a, b = truth.pair
             raise ZmavError(f"{a} and {b} came as near as {truth.closest:.2f} m; {least:g} m was asked")

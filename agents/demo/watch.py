@@ -42,6 +42,8 @@ class Truth:
         self.rows: list[Row] = []
         self.begun = time.monotonic()
         self.closest, self.pair, self.closest_at = math.inf, ("", ""), 0.0
+        self.whole = False
+        """the simulator told of them until we had seen enough"""
         self._paces: list[float] = []
         self._stop = threading.Event()
 
@@ -63,6 +65,7 @@ class Truth:
                 self.take(tuple((n, e, -d) for n, e, d in (by_name[name] for name in self.names)))
                 if status.speed and status.speed_reached:  # not while it is paused, or as fast as it goes
                     self._paces.append(status.speed_reached / status.speed)
+            self.whole = True
 
     def take(self, places: tuple[tuple[float, float, float], ...]) -> None:
         now = time.monotonic() - self.begun

@@ -73,7 +73,10 @@ class Pyramid:
 
     def __init__(self, picture: Picture, origin: tuple[int, int] = (0, 0)) -> None:
         self.origin: NDArray[np.float64] = np.array(origin, dtype=float)
+        self.whole = picture
         self._halves = [picture]
+        self.size = picture.shape[1], picture.shape[0]
+        """width and height, pixels"""
 
     def shrunk(self, factor: float) -> tuple[Picture, NDArray[np.float64]]:
         """The picture about ``factor`` times as large (never larger than it is), averaged, and the exact factors (2,)
@@ -113,17 +116,6 @@ class Pyramid:
             self._halves.append(np.asarray(half, dtype=np.uint8))
         level = min(level, len(self._halves) - 1)
         return self._halves[level], 0.5**level
-
-    @property
-    def whole(self) -> Picture:
-        """The picture itself."""
-        return self._halves[0]
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height, pixels."""
-        height, width = self._halves[0].shape
-        return width, height
 
 
 def _bad(value: object, expected: str) -> BadInput:

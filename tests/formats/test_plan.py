@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,11 @@ def without(document: dict[str, Any], *path: Any) -> dict[str, Any]:
         (file({"type": "ComplexItem", "complexItemType": "StructureScan"}), "$.mission.items[0]", "StructureScan"),
         (file(survey(simple(), simple(frame=99))), "$.mission.items[0].TransectStyleComplexItem.Items[1].frame", "99"),
         (file(simple(177, 1, params=[7, 1, 0, 0, 0, 0, 0])), "$.mission.items[0].params[0]", "no item's doJumpId"),
+        (
+            file(simple(), simple(177, 2, params=[1.7, 1, 0, 0, 0, 0, 0])),
+            "$.mission.items[1].params[0]",
+            "jumps to 1.7",
+        ),
         (file(rallyPoints={"version": 2, "points": [[1, 2]]}), "$.rallyPoints.points[0]", "length 3"),
         ([], "$", "Expected `object`"),
     ],
@@ -233,6 +239,8 @@ def test_what_qgroundcontrol_needs_is_written() -> None:
         (Plan(rally=[MissionItem(command=RALLY, frame="MAV_FRAME_GLOBAL")]), "rally point 0 is .* in MAV_FRAME_GLOBAL"),
         (Plan(fence=[MissionItem(command=WAYPOINT)]), "not a fence: item 0: .* is no fence item"),
         (Plan(fence=fence.items([fence.Return((0, 0, 0))] * 2)), "one return point"),
+        (Plan(fence=[MissionItem(command=fence.VERTEX[True], params=[math.inf])]), "not inf"),
+        (Plan(fence=[MissionItem(command=fence.CIRCLE[True], params=[math.nan])]), "radius nan"),
     ],
 )
 def test_what_a_plan_cannot_hold(bad: Plan, words: str) -> None:

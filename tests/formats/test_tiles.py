@@ -45,6 +45,16 @@ def with_password() -> bytes:
     return bytes(data)
 
 
+def torn_inside() -> bytes:
+    """An archive packed by LZMA, whose content is spoilt."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("S36E149.hgt", tile())
+    data = bytearray(made.getvalue())
+    data[60:90] = bytes(each ^ 0xA5 for each in data[60:90])
+    return bytes(data)
+
+
 @pytest.fixture(scope="module")
 def packed() -> dict[str, bytes]:
     return {"S36E149.hgt": tile()}
@@ -79,6 +89,7 @@ def test_pieces_of_a_tile(tmp_path: Path, packed: dict[str, bytes], ending: str)
         ("S36E149.hgt.gz", b"no gzip", "S36E149.hgt.gz"),
         ("S36E149.hgt.zip", b"no archive", "S36E149.hgt.zip"),
         ("S36E149.hgt.zip", with_password(), "password"),
+        ("S36E149.hgt.zip", torn_inside(), "S36E149.hgt.zip"),
         ("S36E149.hgt.gz", gzip.compress(tile(), 1)[:5000], "S36E149.hgt.gz"),
     ],
 )
@@ -148,6 +159,12 @@ def test_what_a_server_sends_is_a_tile_or_is_not_kept(server: tuple[str, list[st
 def test_a_server_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(TimedOut, match="load the tiles where there is a network"):
         Server(f"http://127.0.0.1:{free_port()}/{{cell}}.hgt", tmp_path).piece("S36E149-38-09")
+
+
+@pytest.mark.parametrize("host", ["[x", "a..b"])
+def test_what_is_no_address_of_a_server(tmp_path: Path, host: str) -> None:
+    with pytest.raises(TimedOut, match="load the tiles where there is a network"):
+        Server(f"http://{host}/{{cell}}.hgt", tmp_path).piece("S36E149-38-09")
 
 
 def test_what_is_no_web_server(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def parse(items: Sequence[MissionItem]) -> tuple[list[Shape], list[tuple[int, st
         if item.command == RETURN:
             found.append(Return((item.x, item.y, item.z)))
         elif item.command in CIRCLE.values():
-            if size <= 0:
+            if not size > 0:
                 faults.append((first, f"a circle of radius {size:g} m"))
             found.append(Circle((item.x, item.y), size, item.command == CIRCLE[True]))
         elif item.command in VERTEX.values():
@@ -97,7 +97,7 @@ def parse(items: Sequence[MissionItem]) -> tuple[list[Shape], list[tuple[int, st
 
 
 def _wrong(run: Sequence[MissionItem], size: float) -> str | None:
-    if size < 3 or size != int(size):
+    if not size >= 3 or size % 1:
         return f"param1 is the number of vertices of its polygon, 3 or more, not {size:g}"
     if len(run) != size:
         return f"a polygon of {size:g} vertices (param1) ends after {len(run)}"

@@ -162,7 +162,7 @@ def _read_mission(part: _MissionPart, enums: Enums, name: str) -> list[MissionIt
     return [_read_item(item, path, index_of, enums, name) for path, item in found]
 
 
-def _read_item(item: _Simple, path: str, index_of: Mapping[int, int], enums: Enums, name: str) -> MissionItem:
+def _read_item(item: _Simple, path: str, index_of: Mapping[Any, int], enums: Enums, name: str) -> MissionItem:
     if len(item.params) != 7:
         raise _bad(name, f"{path}.params", f"{len(item.params)} values, expected 7")
     try:
@@ -171,7 +171,7 @@ def _read_item(item: _Simple, path: str, index_of: Mapping[int, int], enums: Enu
         raise _bad(name, f"{path}.{e.detail['field']}", e.message) from None
     params, place = item.params[:4], [value or 0.0 for value in item.params[4:]]
     if command == DO_JUMP:
-        target = index_of.get(int(params[0] or 0))
+        target = index_of.get(params[0] or 0)
         if target is None:
             raise _bad(name, f"{path}.params[0]", f"jumps to {params[0]}, which is no item's doJumpId")
         params[0] = float(target)

@@ -12,6 +12,7 @@ import functools
 import gzip
 import http.client
 import itertools
+import lzma
 import math
 import re
 import urllib.error
@@ -131,7 +132,7 @@ class Server:
                 ) from None
             self._absent.add(cell)
             return
-        except (urllib.error.URLError, http.client.HTTPException, OSError) as e:
+        except (OSError, http.client.HTTPException, ValueError) as e:  # ValueError: it is no URL
             raise TimedOut(f"{url}: {e}; load the tiles where there is a network, and give their folder") from None
         if len(data) > MOST:
             raise BadInput.wrong("from", url, f"a tile of {MOST} bytes at most")
@@ -203,7 +204,7 @@ def _unpacked(path: Path, ending: str) -> bytes:
                 data = stream.read(MOST + 1)
         else:
             data = path.read_bytes()
-    except (OSError, EOFError, RuntimeError, zlib.error, zipfile.BadZipFile) as e:  # RuntimeError: it has a password
+    except (OSError, EOFError, RuntimeError, lzma.LZMAError, zlib.error, zipfile.BadZipFile) as e:  # or a password
         raise BadInput(f"{path}: {e}", field="from", value=str(path), expected="a tile that can be read") from None
     if len(data) not in (2 * side * side for side in SIDES):
         what = f"{path} has {len(data)} bytes"

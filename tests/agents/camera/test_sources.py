@@ -6,6 +6,7 @@ import itertools
 import socket
 import threading
 import time
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -180,6 +181,14 @@ def test_the_capture_time_of_a_server_is_kept(servers: list[Server]) -> None:
     assert before - 2.0 <= second.t <= time.time() - 2.0
 
 
+def test_a_capture_time_in_milliseconds_is_none(servers: list[Server]) -> None:
+    """Every reader would leave out every chunk of such a picture, and nobody would say why."""
+    servers.append(Server(HEAD + part("X-Timestamp: 1700000000000")))
+    before = time.time()
+    (found,) = shots(MjpegSource(f"http://127.0.0.1:{servers[0].port}/a.mjpeg"), 1)
+    assert before <= found.t <= time.time()
+
+
 BROKEN = {
     "not found": (b"HTTP/1.1 404 Not Found\r\n\r\n", "answers 404"),
     "a page": (b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\n\r\n<html>", "no multipart pictures"),
@@ -245,6 +254,23 @@ def test_a_server_that_dies_and_comes_back(servers: list[Server]) -> None:
         assert not capture.ended
     finally:
         capture.close()
+
+
+def test_what_a_library_raises_is_said_and_the_source_is_opened_again(tmp_path: Path) -> None:
+    """Python's resolver does not know an empty label, and OpenCV reads no picture of so many pixels."""
+    cv2.imwrite(str(tmp_path / "1.png"), scene(2))
+    whole = (tmp_path / "1.png").read_bytes()
+    header = b"IHDR" + (900_000).to_bytes(4, "big") * 2 + whole[24:29]
+    (tmp_path / "1.png").write_bytes(whole[:12] + header + zlib.crc32(header).to_bytes(4, "big") + whole[33:])
+    for source in (MjpegSource("http://a..b/x.mjpeg"), Replay(tmp_path, 10.0, loop=True)):
+        heard = Heard()
+        capture = Capture(source, say=heard, first_wait=0.02)
+        try:
+            heard.until(lambda heard=heard: bool(heard.lines), "a word on it")
+            assert "opened again in" in heard.lines[0]
+            assert capture.lost
+        finally:
+            capture.close()
 
 
 def test_the_latest_picture_wins(tmp_path: Path) -> None:

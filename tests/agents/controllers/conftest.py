@@ -56,9 +56,10 @@ class InStep(Externals):
         self._now = now
 
     def behind(self) -> bool:
-        if self.cycles is None or not self.cycles.phase:
+        if self.cycles is None:
             return False
-        if self.cycles.counters.outputs != self._outputs:
+        # Before an engagement nothing is missed: its first output is waited for as those after it are.
+        if not self.cycles.phase or self.cycles.counters.outputs != self._outputs:
             self._outputs, self._came, self._since = self.cycles.counters.outputs, self._now, time.monotonic()
         return self._now - self._came > BEHIND_S and time.monotonic() - self._since < STALL_S
 

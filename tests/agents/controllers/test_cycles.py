@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any, cast
 
 import numpy as np
@@ -81,9 +82,9 @@ class Rig:
         self.place()
         self.attitude()
 
-    def engage(self) -> None:
+    def engage(self, ms: int = 4) -> None:
         for _ in range(3):
-            self.cycle()
+            self.cycle(ms)
             self.answer(None)
         lease: Any = self
         self.cycles.engage(lease, 10.0)
@@ -108,6 +109,19 @@ def test_an_answer_becomes_a_setpoint(rig: Rig) -> None:
     assert rig.trips == []
 
 
+def test_what_was_asked_before_it_takes_over_is_not_waited_for(rig: Rig) -> None:
+    """Its answer is no output, and the first cycle that has one would be late for it."""
+    rig.engage()
+    rig.cycles.end()
+    rig.cycle()
+    lease: Any = rig
+    rig.cycles.engage(lease, 10.0)
+    rig.cycle()
+    rig.answer()
+    assert len(rig.put) == 1
+    assert rig.cycles.counters.late == 0
+
+
 def test_another_systems_attitude_over_the_same_link_is_not_ours(rig: Rig) -> None:
     rig.engage()
     rig.ms += 4
@@ -127,6 +141,27 @@ def test_an_answer_to_an_earlier_cycle_is_not_flown(rig: Rig) -> None:
     assert rig.put == []
     rig.answer()
     assert len(rig.put) == 1
+
+
+def test_attitudes_that_come_at_once_after_a_pause_are_one_late_cycle(rig: Rig) -> None:
+    """The computer stood still, and the answer is still to be read: the controller has not missed thirty cycles."""
+    rig.engage(ms=100)
+    rig.cycle(ms=100)
+    time.sleep(0.1)
+    for _ in range(30):
+        rig.cycle(ms=1)
+    assert rig.trips == []
+    rig.answer()
+    assert len(rig.put) == 1
+
+
+def test_attitudes_that_keep_coming_without_an_output_hand_back(rig: Rig) -> None:
+    rig.engage()
+    rig.cycle()
+    for _ in range(30):
+        time.sleep(0.004)
+        rig.cycle()
+    assert rig.trips == ["no output for 8 cycles"]
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.0), (1.3, 0.0, 0.0, 0.0)])

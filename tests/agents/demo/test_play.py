@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
 import zmav
-from agents.demo.play import holds
-from agents.demo.story import Wait
+from agents.demo.play import Play, holds
+from agents.demo.story import Wait, find
 from zmav import wire
+from zmav.errors import ZmavError
 
 SAID: dict[str, Any] = {"mode": "RTL", "armed": True, "local": (1.0, 2.0, -12.0), "pilot": None}
 
@@ -46,3 +48,12 @@ def heard(age: float | None = 0.2, **other: Any) -> zmav.Vehicle:
 )
 def test_it_is_so_only_if_all_of_it_is(wait: Wait, vehicle: zmav.Vehicle, agent: str | None, so: bool) -> None:
     assert holds(vehicle, wait, agent) is so
+
+
+def test_what_nobody_saw_is_not_taken_for_kept_apart(tmp_path: Path) -> None:
+    nobody: Any = None
+    play = Play(find("line"), nobody, nobody, tmp_path, nobody)
+    with play.truth.watching(tmp_path / "no simulator"):
+        pass
+    with pytest.raises(ZmavError, match="did not tell until the end"):
+        play.judge()
