@@ -52,8 +52,8 @@ class FleetOrders:
             operation.task.cancel()
 
     async def give(self, request: Request) -> Response:
-        """Give several vehicles an order; vehicles: names or patterns, quad* or demo/quad1, * all. Answers as orders do,
-        with how it stands with each vehicle.
+        """Give several vehicles an order; vehicles: names or patterns, quad* or demo/quad1, * all. Answers as orders
+        do, with how it stands with each vehicle.
 
         Several that return are brought home by the planner, where there is one; who is disarmed is left out. With an
         id the order is given once, however often it comes.

@@ -52,9 +52,9 @@ NARROW, WIDE = 15.0, 300.0
 """m: the least and the largest radius of a fleet that the view is made to fit"""
 
 
-def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
-    """The layout; ``places`` (NED) of the vehicles say where to look from. It holds for one vehicle as for fifty: it
-    names none of them.
+def blueprint(places: Sequence[Vector] = (), tab: int = 0) -> rrb.Blueprint:
+    """The layout; ``places`` (NED) of the vehicles say where to look from, ``tab`` which of the plots are in front. It
+    holds for one vehicle as for fifty: it names none of them.
     """
     scene = rrb.Spatial3DView(
         origin="/world",
@@ -67,6 +67,7 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
         rrb.Vertical(*(_plot(what, name) for what, name in FLIGHT), name="Flight"),
         rrb.Vertical(*(_plot(what, name) for what, name in LINKS), name="Links"),
         rrb.Vertical(*(_plot(f"controllers/{what}", name) for what, name in PLOTS.items()), name="Controllers"),
+        active_tab=tab,
     )
     below = rrb.Horizontal(
         rrb.TextLogView(

@@ -53,7 +53,7 @@ def over_udp(name: str, seconds: float) -> tuple[float, float]:
     """Steps a second of wall time, and CPU seconds of the simulator per step."""
     vehicle = JsonVehicle(name, 1, plant(name), print, 0)
     with selectors.DefaultSelector() as selector:
-        vehicle.open(Wiring(selector, set(), lambda: 0.0))
+        vehicle.open(Wiring(selector, set()))
         client = subprocess.Popen([sys.executable, "-c", CLIENT, str(vehicle.port)])
         try:
             while vehicle.protocol.frames < 100:
