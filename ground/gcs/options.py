@@ -17,8 +17,8 @@ from typing import Literal
 import msgspec
 
 from ground.feed import patterns
-from zmav.config.mesh import bits_per_second
-from zmav.errors import BadConfig, BadInput
+from zmav.config.mesh import parse_budget
+from zmav.errors import BadConfig
 from zmav.links.url import LOOPBACK
 
 Kind = Literal["udp", "udpin", "tcp", "serial"]
@@ -87,22 +87,15 @@ def parse_options(query: str, defaults: Options, where: str) -> Options:
             raise BadConfig.wrong("option", part, expected, f"{where}: no option {part!r}{hint}")
         given[name] = value
     return Options(
-        rate=read_rate(given["rate"], where) if "rate" in given else defaults.rate,
+        rate=read_rate(given["rate"]) if "rate" in given else defaults.rate,
         vehicles=read_vehicles(given["vehicles"]) if "vehicles" in given else defaults.vehicles,
         read_only=_read_flag(given["read_only"], where) if "read_only" in given else defaults.read_only,
     )
 
 
-def read_rate(text: str, where: str = "--rate") -> float:
+def read_rate(text: str) -> float:
     """Bytes a second of ``4kB/s`` or ``57600 bit/s``."""
-    expected = "like '4kB/s' or '57600 bit/s', 100 B/s at least"
-    try:
-        rate = bits_per_second(text, "rate") / 8.0 if text.rstrip().endswith("/s") else 0.0
-    except BadInput:
-        rate = 0.0
-    if rate < LEAST_RATE:
-        raise BadConfig.wrong("rate", text, expected, f"{where}: rate is {text!r}")
-    return rate
+    return parse_budget(text, "rate", LEAST_RATE)
 
 
 def read_vehicles(text: str) -> tuple[str, ...]:

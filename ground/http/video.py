@@ -61,6 +61,11 @@ class Shared:
         except Exception:
             logger.exception("error while reading a camera's video")
 
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come."""
+        return self._task.done()
+
     def close(self) -> None:
         self._stop.set()
 
@@ -223,7 +228,7 @@ class Video:
 
     def _shared(self, vehicle: str, camera: str) -> Shared:
         place = vehicle, camera
-        if place not in self.being_read:
+        if place not in self.being_read or self.being_read[place].ended:
             self.being_read[place] = Shared(VideoReader(self._client, vehicle, camera, name="http"))
         self.being_read[place].watching += 1
         return self.being_read[place]
@@ -231,7 +236,8 @@ class Video:
     def _leave(self, vehicle: str, camera: str, shared: Shared) -> None:
         shared.watching -= 1
         if not shared.watching:
-            self.being_read.pop((vehicle, camera), None)
+            if self.being_read.get((vehicle, camera)) is shared:
+                del self.being_read[vehicle, camera]
             shared.close()
 
     def _close(self) -> None:

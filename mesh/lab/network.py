@@ -145,6 +145,7 @@ class Network:
                     raise TimeoutError("it does not answer")
                 answer: messages.Answer = self._connection.recv()
             except (OSError, EOFError) as e:
+                self._connection.close()  # what comes after all would be taken for the next answer
                 raise LabError(f"the lab's relay has died: {e}") from e
         if isinstance(answer, messages.Failed):
             raise LabError(answer.text, errno=answer.errno)

@@ -241,7 +241,7 @@ def size(count: float) -> str:
 
 def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
     """An option's callback that reads bytes with their unit: ``5GB``."""
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
+    found = re.fullmatch(r"([0-9]{1,15}(?:\.[0-9]{1,15})?) *([a-z]*)", text.strip().lower())
     if found is None or found[2] not in UNITS:
         raise click.BadParameter(f"{text!r} is not a number with its unit, as in 1GB", ctx, option)
     return int(float(found[1]) * UNITS[found[2]])

@@ -61,14 +61,14 @@ def bits_per_second(text: str, field: str = "rate") -> float:
     return value
 
 
-def parse_budget(text: str, field: str = "budget") -> float:
+def parse_budget(text: str, field: str = "budget", least: float = LEAST) -> float:
     """Bytes a second of ``60 kB/s`` or ``1 Mbit/s``; raises :class:`BadConfig` for anything else."""
-    expected = "like '60 kB/s' or '1 Mbit/s', 5 kB/s at least"
     try:
         rate = bits_per_second(text, field) / 8.0 if text.rstrip().endswith("/s") else 0.0
     except BadInput:
         rate = 0.0
-    if rate < LEAST:
+    if rate < least:
+        expected = f"like '60 kB/s' or '1 Mbit/s', {least:g} B/s at least"
         raise BadConfig.wrong(field, text, expected, f"{field} is {text!r}")
     return rate
 

@@ -101,9 +101,9 @@ class SimVehicle:
                 raise BadInput.wrong("channels", (channel, pwm), expected, f"channel {channel} at {pwm} us")
         if mode is not None:
             self.pilot_mode(mode)
-        pilot = self.brain.sticks.pilot if isinstance(self.brain, Px4Copter) else self.brain.pilot
-        if isinstance(self.brain, Px4Copter) and not self.brain.sticks.radio:
-            self.brain.sticks.radio = True
+        pilot = self.brain.pilot
+        if not pilot.radio:
+            pilot.radio = True
             pilot.sticks(throttle=0.5)
         for channel, pwm in channels.items():
             pilot.flip(channel, pwm)
@@ -117,20 +117,19 @@ class SimVehicle:
         brain = self.brain
         if isinstance(brain, Px4Copter):
             names = {number: mode.name for number, mode in SWITCH.items()}
-            prefix, pilot = "COM_FLTMODE", brain.sticks.pilot
+            prefix = "COM_FLTMODE"
         else:
             names = {number: mode.name for number, mode in brain.modes.items()}
-            prefix, pilot = brain.MODE_PARAM, brain.pilot
+            prefix = brain.MODE_PARAM
         numbers = ((position, int(brain.params[f"{prefix}{position}"])) for position in range(1, 7))
         on_switch = {names[number]: position for position, number in numbers if number in names}
         if name not in on_switch:
             expected = ", ".join(on_switch) or "no mode"
             text = f"{name} is not on the mode switch; there are {expected}"
             raise BadInput(text, field="mode", value=name, expected=expected)
-        if isinstance(brain, Px4Copter):
-            brain.sticks.radio = True
-        pilot.sticks(throttle=0.5)
-        pilot.turn_switch(on_switch[name])
+        brain.pilot.radio = True
+        brain.pilot.sticks(throttle=0.5)
+        brain.pilot.turn_switch(on_switch[name])
 
     def status(self) -> VehicleStatus:
         copter, s = self.brain, self.brain.sense

@@ -75,10 +75,14 @@ async def find(z: zmav.Client) -> Planner:
         raise BadInput("say which fleet: --fleet NAME", field="fleet", value="*", expected="one fleet")
     deadline, standing_by = time.monotonic() + LOOK, list[str]()
     while True:
-        statuses = [status for name in await planners(z) if (status := await _status(z, name)) is not None]
+        answers = [await _status(z, name) for name in await planners(z)]
+        statuses = [answer for answer in answers if isinstance(answer, dict)]
         chiefs = [status for status in statuses if status.get("in_charge")]
         if chiefs:
             return Planner(z, max(chiefs, key=lambda status: (status.get("term", 0), status.get("instance", ""))))
+        for answer in answers:
+            if isinstance(answer, ZmavError):
+                raise answer
         standing_by = [str(status.get("planner")) for status in statuses]
         if time.monotonic() > deadline + (8.0 if standing_by else 0.0):
             break
@@ -96,13 +100,13 @@ async def planners(z: zmav.Client) -> list[str]:
     return sorted({keys.match(token)[1]["vehicle"] for token in tokens})
 
 
-async def _status(z: zmav.Client, name: str) -> dict[str, Any] | None:
-    """What one of them says of itself; None: no answer."""
+async def _status(z: zmav.Client, name: str) -> dict[str, Any] | ZmavError | None:
+    """What one of them says of itself, or why it does not; None: no answer."""
     key = keys.SWARM.key(z.fleet_name, name, verb="status")
     answers = await z.ask(key, wire.encode(wire.Order()), ANSWER, keys.SWARM)
     for answer in answers:
         if isinstance(answer, ZmavError):
-            raise answer
+            return answer
         with contextlib.suppress(BadInput):
             return wire.decode(answer.payload, wire.Outcome, f"status of {name}").result
     return None

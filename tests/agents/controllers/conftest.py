@@ -82,7 +82,7 @@ class Field:
         self.signals.clear()
         if self.world.vehicles[0].spec.autopilot == "px4":
             px4 = self.world.vehicles[0].px4
-            px4.sticks.pilot.flip(SWITCH.channel, 1000)
+            px4.pilot.flip(SWITCH.channel, 1000)
             if px4.mode is not HOLD:
                 assert self.world.call(lambda: px4.set_mode(HOLD))
         await self.vehicle.wait_until(lambda s: s.lease is None and s.pilot is None, PATIENCE_S)
@@ -182,8 +182,8 @@ async def flying(request: pytest.FixtureRequest) -> AsyncIterator[Field]:
         await vehicle.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
         if spec.autopilot == "px4":
             px4 = world.vehicles[0].px4
-            px4.sticks.radio = True
-            px4.sticks.pilot.sticks(throttle=0.5)
+            px4.pilot.radio = True
+            px4.pilot.sticks(throttle=0.5)
         await vehicle.arm()
         await vehicle.takeoff(-HOVER[2])
         world.set_speed(1.0)

@@ -47,7 +47,7 @@ async def test_a_request_that_was_released_before_it_took_over_counts_no_more(
     gate.open.clear()
     asked = asyncio.create_task(field.vehicle.tell("ev1-attitude", "engage"))
     await field.until(lambda: gate.waiting == 2, "it does not ask for parameters")
-    pilot = field.world.vehicles[0].px4.sticks.pilot
+    pilot = field.world.vehicles[0].px4.pilot
     pilot.flip(7, 1900)
     await field.vehicle.wait_until(lambda s: s.pilot is not None, 30.0)
     await field.until(lambda: supervisor.pilot_at != "", "it does not hear of the switch")

@@ -120,7 +120,7 @@ async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Fie
 async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine)
     await field.vehicle.tell("mine", "engage")
-    pilot = field.world.vehicles[0].px4.sticks.pilot
+    pilot = field.world.vehicles[0].px4.pilot
     pilot.flip(7, 1900)
     await field.until(lambda: field.mode == "HOLD", "the autopilot has not got it")
     await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
@@ -137,7 +137,7 @@ async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field,
 
 async def test_the_switch_turned_back_is_the_pilots_own_request(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine, by_switch=True)
-    pilot = field.world.vehicles[0].px4.sticks.pilot
+    pilot = field.world.vehicles[0].px4.pilot
     pilot.flip(7, 1900)
     await field.vehicle.wait_until(lambda s: s.pilot is not None, 10.0)
     pilot.flip(7, 1000)

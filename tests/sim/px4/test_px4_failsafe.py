@@ -213,7 +213,7 @@ class TestRadio:
         companion.vehicle.pilot_mode("POSCTL")
         companion.world.step(0.5)
         assert companion.flying == "POSCTL"
-        companion.vehicle.px4.sticks.pilot.lose()
+        companion.vehicle.px4.pilot.lose()
         companion.world.step(0.4)
         assert companion.flying == "POSCTL"
         companion.world.step(0.4)

@@ -53,9 +53,15 @@ class Sticks:
 class Pilot(Sticks):
     """Sticks from -1 to 1 (throttle 0 to 1), as PWM; set from any thread, read by the autopilot at its next update."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, radio: bool = True) -> None:
         super().__init__()
-        self.sending = True
+        self.radio, self._lost = radio, False
+        """the transmitter is on; and out of range"""
+
+    @property
+    def heard(self) -> bool:
+        """The receiver gives pulses."""
+        return self.radio and not self._lost
 
     def sticks(
         self,
@@ -84,12 +90,12 @@ class Pilot(Sticks):
         self.pwm[channel - 1] = pwm
 
     def lose(self) -> None:
-        """Out of range, or switched off: the receiver gives no pulses any more."""
-        self.sending = False
+        """Out of range: the receiver gives no pulses, whatever is switched on."""
+        self._lost = True
 
     def regain(self) -> None:
-        """The transmitter is heard again."""
-        self.sending = True
+        """In range again."""
+        self._lost = False
 
 
 def _centred(pwm: int) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 from msgspec import Meta
 
 from zmav.errors import BadInput
-from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.dynamics.battery import open_circuit_share
 from zmav.sim.faults.base import AutopilotFault, Fault, Undo, Victim
 from zmav.sim.protocol.gimbal import OTHER
@@ -61,19 +60,9 @@ class RcLoss(AutopilotFault, frozen=True):
     KIND: ClassVar[str] = "rc-loss"
 
     def begin(self, victim: Victim) -> Undo:
-        brain = victim.vehicle.brain
-        if not isinstance(brain, Px4Copter):
-            brain.pilot.lose()
-            return brain.pilot.regain
-        sticks, had = brain.sticks, brain.sticks.radio
-        sticks.radio = False
-        sticks.pilot.lose()  # whatever the pilot switches on meanwhile is not heard
-
-        def regain() -> None:
-            sticks.radio = sticks.radio or had
-            sticks.pilot.regain()
-
-        return regain
+        pilot = victim.vehicle.brain.pilot
+        pilot.lose()
+        return pilot.regain
 
 
 class Frozen(AutopilotFault, frozen=True):

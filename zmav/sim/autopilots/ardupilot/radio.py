@@ -82,7 +82,7 @@ class Radio(Sticks):
         if now < self._next:
             return
         self._next = now + FRAME_S
-        receiving = self.pilot.sending
+        receiving = self.pilot.heard
         self._had_receiver |= receiving
         if receiving or self._fresh:
             self._fresh = False
@@ -102,7 +102,7 @@ class Radio(Sticks):
         if not self._overrides:
             self.pwm = self.pilot.pwm
             return
-        source = self.pilot.pwm if self.pilot.sending else self.pwm
+        source = self.pilot.pwm if self.pilot.heard else self.pwm
         merged = [*source, *[0] * (CHANNELS - len(source))]
         held = self.pwm + [0] * (CHANNELS - len(self.pwm))
         for index in range(CHANNELS):

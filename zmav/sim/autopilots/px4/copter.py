@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery
 from zmav.sim.autopilots.px4.ekf import Ekf2
@@ -30,6 +31,7 @@ class Px4Copter(Px4Parts):
     """
 
     def make_parts(self) -> None:
+        self.pilot = Pilot(radio=False)
         self.fence, self.rally = FenceItems(), RallyItems()
         self.mission = Mission(self)
         self.filter = Ekf2(self)
@@ -45,8 +47,8 @@ class Px4Copter(Px4Parts):
         self.mode: Mode = HOLD
         self.intents = 0  # how often a mode was asked for
         self._after_disarm: Mode = HOLD
-        self.sticks = Sticks(self)
-        self._switch = self.sticks.pilot.switch
+        self.sticks = Sticks(self, self.pilot)
+        self._switch = self.pilot.switch
         self.offboard = Offboard(self)
         self.navigator = Navigator(self, self.mission)
         self.ground = LandDetector(self)
@@ -236,12 +238,11 @@ class Px4Copter(Px4Parts):
         return self.navigator.descends
 
     def _follow_switch(self) -> None:
-        """A turn of the pilot's mode switch changes the mode, where there is a radio."""
-        switch = self.sticks.pilot.switch
-        if switch != self._switch:
+        """A turn of the pilot's mode switch changes the mode, where his radio is heard."""
+        switch = self.pilot.switch
+        if switch != self._switch and self.pilot.heard:
             self._switch = switch
-            mode = SWITCH.get(int(self.params[f"COM_FLTMODE{switch}"]))
-            if self.sticks.radio and mode is not None:
+            if (mode := SWITCH.get(int(self.params[f"COM_FLTMODE{switch}"]))) is not None:
                 self.set_mode(mode)
 
     def _take_over(self) -> None:

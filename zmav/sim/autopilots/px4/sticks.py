@@ -24,11 +24,8 @@ _BY_HEIGHT = (ALTCTL, POSCTL)
 class Sticks:
     """Roll, pitch, yaw from -1 to 1 and throttle from 0 to 1, of the one who holds them."""
 
-    def __init__(self, copter: Px4State) -> None:
-        self._copter = copter
-        self.pilot = Pilot()
-        self.radio = False
-        """the pilot's radio is on and heard"""
+    def __init__(self, copter: Px4State, pilot: Pilot) -> None:
+        self._copter, self._pilot = copter, pilot
         self._joystick: tuple[float, float, float, float] | None = None
         self._joystick_at = self._radio_at = -math.inf
         self._joystick_moved = -math.inf
@@ -37,7 +34,7 @@ class Sticks:
     def update(self) -> None:
         """Ten times a second: hear the radio, say when the sticks come and go."""
         copter = self._copter
-        if self.radio and self.pilot.sending:
+        if self._pilot.heard:
             self._radio_at = copter.now
         alive = self.alive
         if alive is not self._heard:
@@ -60,14 +57,14 @@ class Sticks:
     def alive(self) -> bool:
         if int(self._copter.params["COM_RC_IN_MODE"]) == DISABLED:
             return False
-        latest = self._copter.now if self.radio and self.pilot.sending else max(self._radio_at, self._joystick_at)
+        latest = self._copter.now if self._pilot.heard else max(self._radio_at, self._joystick_at)
         return self._copter.now - latest <= float(self._copter.params["COM_RC_LOSS_T"])
 
     @property
     def values(self) -> tuple[float, float, float, float]:
         """(roll, pitch, yaw, throttle); pitch is positive forward."""
-        if self.radio or self._joystick is None:
-            pilot = self.pilot
+        pilot = self._pilot
+        if pilot.heard or self._joystick is None:
             return pilot.roll, pilot.pitch, pilot.yaw, pilot.throttle
         roll, pitch, yaw, throttle = (0.0 if abs(v) < DEADZONE else v for v in self._joystick)
         return roll, pitch, yaw, throttle
@@ -75,7 +72,7 @@ class Sticks:
     @property
     def moved(self) -> bool:
         """A radio's stick is held away from its middle, or a joystick's was moved from where it was."""
-        if not self.radio:
+        if not self._pilot.heard:
             return self.alive and self._copter.now - self._joystick_moved <= MOVING_S
         roll, pitch, yaw, _ = self.values
         return self.alive and max(abs(roll), abs(pitch), abs(yaw)) > TAKEOVER

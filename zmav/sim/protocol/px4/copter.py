@@ -200,12 +200,12 @@ def actuator_output_status(node: Px4Node) -> Fields:
 
 def rc_channels(node: Px4Node) -> Fields | None:
     """What the pilot's radio gives; nothing without one."""
-    sticks = node.copter.sticks
-    if not (sticks.radio and sticks.pilot.sending):
+    pilot = node.copter.pilot
+    if not pilot.heard:
         return None
-    pwm = [*sticks.pilot.pwm, *[_NO_CHANNEL] * (_CHANNELS - len(sticks.pilot.pwm))]
+    pwm = [*pilot.pwm, *[_NO_CHANNEL] * (_CHANNELS - len(pilot.pwm))]
     return {
-        "chancount": len(sticks.pilot.pwm),
+        "chancount": len(pilot.pwm),
         "rssi": 100,
         **base.numbered("chan{}_raw", pwm),
     }
