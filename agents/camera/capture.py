@@ -88,7 +88,7 @@ class Capture:
                         return
                 why = ""
             except Exception as e:  # of OpenCV, FFmpeg and HTTP, too: a thread that ends would say nothing of it
-                why = str(e) or type(e).__name__
+                why = " ".join(str(e).split()) or type(e).__name__
             if not why:
                 break
             wait = self._first_wait if self.count > before else wait

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import threading
 import time
@@ -173,7 +174,9 @@ class Replay:
         for path in pictures_in(self._path):
             data = path.read_bytes()
             jpeg = data if data[:2] == b"\xff\xd8" else None
-            image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
+            image = None
+            with contextlib.suppress(cv2.error):  # one that it refuses as too large is passed over, too
+                image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
             if jpeg is not None or image is not None:
                 yield image, jpeg
 

@@ -33,7 +33,7 @@ Place = Callable[[int], tuple[float, ...]]
 def poses(place: tuple[float, ...]) -> Poses:
     """The camera's vehicle at ``place`` (north, east, down, degrees of roll, pitch, yaw), the other near the origin."""
     table = np.array([place, (0.4, 0.3, 0.0, 0.0, 0.0, 30.0)]).T
-    return Poses(0.0, table[:3], quat_from_euler(*np.radians(table[3:])))
+    return Poses(0.0, 0.0, table[:3], quat_from_euler(*np.radians(table[3:])))
 
 
 def measure(name: str, camera: SimCamera, place: Place, frames: int) -> float:

@@ -241,6 +241,7 @@ def test_what_qgroundcontrol_needs_is_written() -> None:
         (Plan(fence=fence.items([fence.Return((0, 0, 0))] * 2)), "one return point"),
         (Plan(fence=[MissionItem(command=fence.VERTEX[True], params=[math.inf])]), "not inf"),
         (Plan(fence=[MissionItem(command=fence.CIRCLE[True], params=[math.nan])]), "radius nan"),
+        (Plan(fence=[MissionItem(command=fence.CIRCLE[True], params=[math.inf])]), "radius inf"),
     ],
 )
 def test_what_a_plan_cannot_hold(bad: Plan, words: str) -> None:

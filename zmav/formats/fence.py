@@ -6,6 +6,7 @@ in param1 how many there are; a circle says its radius in param1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -80,7 +81,7 @@ def parse(items: Sequence[MissionItem]) -> tuple[list[Shape], list[tuple[int, st
         if item.command == RETURN:
             found.append(Return((item.x, item.y, item.z)))
         elif item.command in CIRCLE.values():
-            if not size > 0:
+            if not 0.0 < size < math.inf:
                 faults.append((first, f"a circle of radius {size:g} m"))
             found.append(Circle((item.x, item.y), size, item.command == CIRCLE[True]))
         elif item.command in VERTEX.values():

@@ -132,7 +132,9 @@ class Server:
                 ) from None
             self._absent.add(cell)
             return
-        except (OSError, http.client.HTTPException, ValueError) as e:  # ValueError: it is no URL
+        except ValueError as e:
+            raise BadInput.wrong("from", url, "an address as https://HOST/{cell}.hgt", f"{url}: {e}") from None
+        except (OSError, http.client.HTTPException) as e:
             raise TimedOut(f"{url}: {e}; load the tiles where there is a network, and give their folder") from None
         if len(data) > MOST:
             raise BadInput.wrong("from", url, f"a tile of {MOST} bytes at most")

@@ -8,7 +8,6 @@ Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_M
 
 from __future__ import annotations
 
-import contextlib
 import os
 import selectors
 import termios
@@ -124,6 +123,8 @@ class HardwareVehicle(External):
         self._metronome: Metronome | None = None
         self._line: ByteLine | None = None
         self._next_try = self._next_beat = 0.0  # wall time
+        self._in_its_place = ""
+        """what is said to be wrong with what stands where the device was"""
         self._asked = 0
         self._heartbeat = dialect.message("HEARTBEAT").id
 
@@ -189,6 +190,7 @@ class HardwareVehicle(External):
         self.connected = self.in_hil = False
         self._asked = 0
         self.plant.drive([0.0] * len(self.plant.values))
+        self._in_its_place = ""
         self.say(f"{self.name}: {self.path} has gone ({why}); waiting for it")
 
     def _to_autopilot(self, frame: bytes) -> None:
@@ -288,8 +290,12 @@ class HardwareVehicle(External):
             self.restarted()  # the world was faster than real time: what was missed is missed
         if self._line is None:
             if time.monotonic() >= self._next_try:
-                with contextlib.suppress(BadUrl):  # what stands there now is none: one may yet come
+                try:
                     self._try()
+                except BadUrl as e:  # one may yet come
+                    if self._in_its_place != e.message:
+                        self.say(f"{self.name}: {e.message}: remove what stands there, so that the device can come")
+                    self._in_its_place = e.message
         elif not self.in_hil and time.monotonic() >= self._next_beat:
             # PX4 says nothing on its USB port before it has heard a HEARTBEAT there.
             self._next_beat = time.monotonic() + BEAT_EVERY_S

@@ -69,9 +69,9 @@ class Calls:
         try:
             return future.result(timeout)
         except FutureTimeout:
-            if not future.cancel() and future.done():
-                return future.result()  # done after all; or the function's own error
-            raise TimedOut("the simulated world does not run") from None
+            if future.cancel():
+                raise TimedOut("the simulated world does not run") from None
+            return future.result()  # it is done just now; or that error was its own
 
     def do(self) -> None:
         """Run what waits."""

@@ -262,6 +262,9 @@ def test_what_a_library_raises_is_said_and_the_source_is_opened_again(tmp_path: 
     whole = (tmp_path / "1.png").read_bytes()
     header = b"IHDR" + (900_000).to_bytes(4, "big") * 2 + whole[24:29]
     (tmp_path / "1.png").write_bytes(whole[:12] + header + zlib.crc32(header).to_bytes(4, "big") + whole[33:])
+    cv2.imwrite(str(tmp_path / "2.png"), scene(2))
+    assert len(shots(Replay(tmp_path, 10.0, loop=False), 1)) == 1, "the next one is shown"
+    (tmp_path / "2.png").unlink()
     for source in (MjpegSource("http://a..b/x.mjpeg"), Replay(tmp_path, 10.0, loop=True)):
         heard = Heard()
         capture = Capture(source, say=heard, first_wait=0.02)

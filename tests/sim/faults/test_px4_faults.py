@@ -16,7 +16,8 @@ GLITCH, POSITIONS, VELOCITY = 0x400, 0x8 | 0x10 | 0x100 | 0x200, 0x2
 @pytest.fixture
 def aloft() -> Iterator[Companion]:
     """A PX4 that hovers in HOLD, 2.5 m up."""
-    world = World([VehicleSpec(autopilot="px4", name="p")], ready_s=1.0, epoch_s=0.0)
+    spec = VehicleSpec(autopilot="px4", name="p", params={"COM_FLTMODE1": 2.0, "COM_FLTMODE6": 4.0})
+    world = World([spec], ready_s=1.0, epoch_s=0.0)
     companion = Companion(world, world.vehicles[0])
     companion.beat()
     companion.take_off()
@@ -88,18 +89,18 @@ def test_sensors_show_in_highres_imu(aloft: Companion) -> None:
 
 
 def test_a_pilot_who_is_not_heard_turns_his_switch_in_vain(aloft: Companion) -> None:
-    world, sticks = aloft.world, aloft.vehicle.px4.sticks
-    world.take("p", None, {5: 1500})
+    world, px4 = aloft.world, aloft.vehicle.px4
+    world.take("p", None, {5: 1800})
     wait(aloft, 1.0)
-    assert sticks.alive
+    assert px4.sticks.alive
     world.fault("p", "rc-loss")
     wait(aloft, 2.0)
-    world.take("p", None, {5: 1600})
+    world.take("p", "POSCTL", {})
     wait(aloft, 1.0)
-    assert not sticks.alive
+    assert not px4.sticks.alive and aloft.flying == "HOLD"
     world.clear("p")
     wait(aloft, 1.0)
-    assert sticks.alive
+    assert px4.sticks.alive and aloft.flying == "POSCTL"
 
 
 def test_a_radio_that_is_switched_on_while_it_is_not_heard_is_heard_afterwards(aloft: Companion) -> None:
@@ -110,6 +111,20 @@ def test_a_radio_that_is_switched_on_while_it_is_not_heard_is_heard_afterwards(a
     aloft.world.clear("p")
     wait(aloft, 1.0)
     assert aloft.vehicle.px4.sticks.alive
+
+
+def test_a_radio_is_as_it_was_after_a_reboot(aloft: Companion) -> None:
+    world, px4 = aloft.world, aloft.vehicle.px4
+    world.take("p", None, {5: 1800})
+    world.fault("p", "rc-loss")
+    world.fault("p", "reboot")
+    wait(aloft, 2.0)
+    world.take("p", None, {5: 1165})
+    wait(aloft, 1.0)
+    assert not px4.sticks.alive
+    world.clear("p", "rc-loss")
+    wait(aloft, 1.0)
+    assert px4.sticks.alive
 
 
 def test_it_hangs_and_is_reset(aloft: Companion) -> None:

@@ -34,6 +34,9 @@ class Poses(NamedTuple):
     """
 
     time_s: float
+    """simulated"""
+    unix_s: float
+    """UTC"""
     pos: Array
     q: Array
 
@@ -133,8 +136,7 @@ class SimCamera:
             image = np.zeros_like(self._last) if self.blackout == "black" else self._last.copy()
             sequence, self._sequence = self._sequence, self._sequence + 1
         north, east, down = view.center.tolist()
-        unix_s = self._cameras.epoch_s + poses.time_s
-        return Frame(image, poses.time_s, unix_s, sequence, (north, east, down), view.rotation)
+        return Frame(image, poses.time_s, poses.unix_s, sequence, (north, east, down), view.rotation)
 
     def _made(self) -> Renderer:
         """What renders, made when it is first needed."""
@@ -188,7 +190,8 @@ class Cameras:
         """Where everything is now."""
         bodies = [(actor.fleet.dynamics, actor.column) for actor in self._actors]
         pos = np.stack([body.pos[:, column] for body, column in bodies], axis=1)
-        return Poses(self._now, pos, np.stack([body.q[:, column] for body, column in bodies], axis=1))
+        q = np.stack([body.q[:, column] for body, column in bodies], axis=1)
+        return Poses(self._now, self.epoch_s + self._now, pos, q)
 
     # ---- what any thread does
 

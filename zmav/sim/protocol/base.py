@@ -202,7 +202,9 @@ class Node(ABC):
             self._reboot_at = None
             self.restart()
         for channel in self.channels:
-            for name in channel.streams.due(now) if now >= channel.streams.next_due else ():
+            if now < channel.streams.next_due:
+                continue
+            for name in channel.streams.due(now):
                 if self.flows(name):
                     self.report(channel, name)
         for part in self._ticking:

@@ -19,8 +19,10 @@ STRIDES = (24, 28)
 ACROSS, GRID = 8, 4
 """grids from west to east in a block, and heights along a grid"""
 BITS = 56
-MOST_BLOCKS = 256
-"""that it keeps; where there are more, those that it looked at the longest ago go"""
+MOST_BLOCKS = 1024
+"""that it keeps: more than a mission has places, and TERRAIN_REPORT's sixteen bits can count what is pending of them;
+where there are more, those that it looked at the longest ago go
+"""
 
 
 class Block(NamedTuple):
