@@ -18,12 +18,13 @@ Place = tuple[float, ...]
 """north, east, down (m), and roll, pitch, yaw (degrees) where they are not 0"""
 
 PLAIN = Scene(ground="asphalt")
+EPOCH_S = 1000.0
 
 
 def poses(*places: Place, time_s: float = 0.0) -> Poses:
     """Vehicles at ``places``."""
     table = np.array([[*place, *[0.0] * (6 - len(place))] for place in places]).T
-    return Poses(time_s, time_s, table[:3], quat_from_euler(*np.radians(table[3:6])))
+    return Poses(time_s, EPOCH_S + time_s, table[:3], quat_from_euler(*np.radians(table[3:6])))
 
 
 class Studio:
