@@ -64,7 +64,7 @@ def make_studio() -> Iterator[MakeStudio]:
     worlds = []
 
     def make(camera: CameraSpec | None = None, *others: VehicleSpec, **options: Any) -> Studio:
-        options = {"scene": PLAIN, "epoch_s": 1000.0, **options}
+        options = {"scene": PLAIN, "epoch_s": EPOCH_S, **options}
         first = VehicleSpec(name="quad1", camera=camera or CameraSpec(offset_m=(0.0, 0.0, 0.0)))
         world = World([first, *others], **options)
         worlds.append(world)
