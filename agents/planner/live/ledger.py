@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
+from agents.planner.live.checks import check_goal
 from zmav.errors import BadInput
 from zmav.wire import swarm
 
@@ -86,8 +87,15 @@ class GoalBook:
             self.goals.remove(each)
 
     def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
-        """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are."""
+        """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are.
+        One that nobody could have given has failed.
+        """
         self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
+        for entry in self.open:
+            try:
+                check_goal(entry.goal)
+            except BadInput as e:
+                self.end(entry, "failed", f"not taken over from {book.planner}: {e.message}")
         again = self.open
         for entry in again:
             entry.state = "paused" if entry.state == "paused" else "queued"

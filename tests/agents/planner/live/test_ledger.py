@@ -53,6 +53,19 @@ def test_goals_are_found_by_id_and_the_others_named() -> None:
         ledger.find("g9")
 
 
+def test_a_goal_that_nobody_could_have_given_fails_when_it_is_taken_over() -> None:
+    ledger = GoalBook()
+    good = ledger.add(hold("a"), "now", 1.0, 1)
+    far = ledger.add(swarm.GoTo(vehicles=["b"], to=[(0.0, 1e300, -9.0)]), "now", 1.0, 1)
+    nobody = ledger.add(hold(), "now", 1.0, 1)
+    other = GoalBook()
+    again = other.take_over(swarm.Book(t=1.0, planner="old", instance="x", term=1, goals=ledger.goals))
+    assert [entry.id for entry in again] == [good.id]
+    failed = {entry.id: entry.text for entry in other.goals if entry.state == "failed"}
+    assert set(failed) == {far.id, nobody.id}
+    assert "not taken over from old: goal.to[0][1]" in failed[far.id]
+
+
 def test_the_book_is_finite() -> None:
     ledger = GoalBook()
     for i in range(MOST_OPEN):
