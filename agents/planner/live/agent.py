@@ -13,7 +13,7 @@ import uuid
 from typing import NamedTuple
 
 import zmav
-from agents.planner.live.checks import check_obstacle, read_obstacle
+from agents.planner.live.checks import check_goal, check_obstacle, read_obstacle
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import Fleet
@@ -254,7 +254,7 @@ class Agent:
 
     def take_charge(self) -> None:
         book = self.context.charge.take()
-        again = self.context.ledger.take_over(book) if book else []
+        again = self.context.ledger.take_over(book, check_goal) if book else []
         self._tokens.in_charge(True)
         text = f"{self.context.settings.name} is in charge (term {self.context.charge.term})"
         if book:

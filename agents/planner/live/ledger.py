@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import msgspec
 
-from agents.planner.live.checks import check_goal
 from zmav.errors import BadInput
 from zmav.wire import swarm
 
@@ -86,14 +87,14 @@ class GoalBook:
         for each in ended[: max(0, len(ended) - MOST_ENDED)]:
             self.goals.remove(each)
 
-    def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
+    def take_over(self, book: swarm.Book, check: Callable[[swarm.Goal], None]) -> list[swarm.GoalEntry]:
         """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are.
-        One that nobody could have given has failed.
+        One that nobody could have given, for which ``check`` raises :class:`BadInput`, has failed.
         """
         self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
         for entry in self.open:
             try:
-                check_goal(entry.goal)
+                check(entry.goal)
             except BadInput as e:
                 self.end(entry, "failed", f"not taken over from {book.planner}: {e.message}")
         again = self.open
