@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.navigator.outlets import ByController, ByLease, Outlet
+from agents.navigator.outlets import TRIES, ByController, ByLease, Outlet
 from agents.navigator.routes import SIZES, Route, check, shape
 from agents.navigator.tracking import Summary, errors, summarise
 from agents.navigator.trajectory import WINDOW, Limits, Trajectory
@@ -69,12 +69,18 @@ class Course:
         self.trajectory, self.start = trajectory, start
         self._until = 0.0
         """s on the trajectory from which nothing is given yet"""
+        self._flown, self._stops = trajectory, False
+        """what was taken of it last, as far as known; it is to come to rest"""
 
     def due(self, now: float) -> list[wire.SegmentPoint] | None:
         """The next segment, where it is time to give it (UTC s)."""
         t = now - self.start
         if t < self._until - OVERLAP or self._until >= self.trajectory.duration:
             return None
+        if self._until:
+            self._flown = self.trajectory
+        elif self._stops:  # from now on: where the brake before did not come there, the vehicle flies on without it
+            self.trajectory = self._flown.braked(min(max(t + NOTICE, 0.0), self._flown.duration))
         begin = max(t, 0.0)
         self._until = min(begin + WINDOW, self.trajectory.duration)
         return self.trajectory.segment(begin, self.start)
@@ -83,13 +89,15 @@ class Course:
         """What was given last did not come there: the next segment is due at once."""
         self._until = 0.0
 
-    def brake(self, now: float) -> None:
+    def brake(self) -> None:
         """Come to rest along the way; this is due at once."""
-        self.trajectory = self.trajectory.braked(min(max(now + NOTICE - self.start, 0.0), self.trajectory.duration))
+        self._stops = True
         self.again()
 
     def ended(self, now: float) -> bool:
-        return now - self.start >= self.trajectory.duration
+        """It is over, and all of it was given."""
+        given = self._until >= self.trajectory.duration
+        return given and now - self.start >= self.trajectory.duration
 
     def along(self, now: float) -> float:
         """m of the route, which is zero on the way to it."""
@@ -136,9 +144,9 @@ class Navigator(FlyingAgent):
     # What it is asked.
 
     async def on_fly(self, args: Fly, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._check_free()
         await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
-        if self.flying:  # now: another order may have waited for the vehicle beside this one
-            raise Refused(f"it flies {self._route.name} already: abort that first")
+        self._check_free()  # again: another order may have waited for the vehicle beside this one
         self._check_airborne()
         here, route = self.vehicle.local, self._made(args)
         self._order, self._route, self._ends = args, route, False
@@ -150,10 +158,14 @@ class Navigator(FlyingAgent):
         if course is None or flight is None or flight.done():
             raise Refused("it flies nothing: give it 'fly' first")
         if not self._ends:
-            course.brake(time.time())
+            course.brake()
         self._ends = True
         await asyncio.wait({flight})
         return {}
+
+    def _check_free(self) -> None:
+        if self.flying:
+            raise Refused(f"it flies {self._route.name} already: abort that first")
 
     def _check_airborne(self) -> None:
         state = self.vehicle.state
@@ -200,13 +212,23 @@ class Navigator(FlyingAgent):
                 outlet = by = ByLease(self.vehicle, await stack.enter_async_context(self.lease()))
                 listening = asyncio.create_task(self._listen(by))
                 stack.callback(listening.cancel)
-            self.course = course = self._course(here)
-            await self._give(outlet, course)
+            course = await self._begun(outlet, here)
             outlet.check()
             started.set_result(None)
             self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
             await self._follow(outlet, course)
         return f"broken off at {course.along(time.time()):.1f} m" if self._ends else ""
+
+    async def _begun(self, outlet: Outlet, here: wire.Vector) -> Course:
+        """The course whose first segment is taken. Each try has one of its own, for the vehicle has not set off."""
+        for _ in range(TRIES):
+            self.course = course = self._course(here)
+            if self._ends:  # it was told to abort meanwhile
+                course.brake()
+            if await self._give(outlet, course):
+                return course
+        name = self.vehicle.name
+        raise Stale(f"{name} was not heard when it was given its way: give 'fly' again", vehicle=name)
 
     async def on_broken_off(self, error: Exception, why: str) -> str:
         """A vehicle that nobody else has holds."""
@@ -235,10 +257,13 @@ class Navigator(FlyingAgent):
             due = max(due + TICK, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
-    async def _give(self, outlet: Outlet, course: Course) -> None:
+    async def _give(self, outlet: Outlet, course: Course) -> bool:
+        """False: what is due did not come there, and is due again."""
         points = course.due(time.time())
-        if points is not None and not await outlet.give(points):
-            course.again()
+        if points is None or await outlet.give(points):
+            return True
+        course.again()
+        return False
 
     def _check_place(self, course: Course) -> None:
         state, age = self.vehicle.last_state, self.vehicle.age
@@ -275,11 +300,11 @@ class Navigator(FlyingAgent):
         self._now = values
 
     async def _listen(self, outlet: ByLease) -> None:
-        """What the vehicle says of setpoints that it drops."""
+        """What the vehicle says of setpoints."""
         async with self.vehicle.events() as events:
             async for event in events:
                 if event.kind == "setpoint":
-                    outlet.refusal = event.text
+                    outlet.hear(event)
 
     def _tell(self, course: Course, now: float) -> None:
         on_way = now - course.start < course.trajectory.begins

@@ -12,6 +12,8 @@ from zmav.waiting import within
 
 TAKEN, TRIES = 1.0, 3
 """s in which the vehicle says that it flies a segment, before it is put again; how often it is put"""
+PASSING = (None, "late", "order")
+"""why a vehicle drops what a network held back, or nothing that it says of what it drops: put again, it may be flown"""
 PRESENT = 4.0
 """s for a controller to answer that it is there"""
 
@@ -23,27 +25,35 @@ class ByLease:
         self._vehicle, self._lease = vehicle, lease
         self._seen, self._taken = 0.0, 1
         """when it said that it flies what it took (monotonic s), and the first setpoint that brought that"""
-        self.refusal = ""
-        """the vehicle's last word on a setpoint that it dropped"""
+        self._tries = 0
+        """how often one was put that a vehicle which is heard did not take"""
+        self._refusal = self._word = ""
+        """the vehicle's last words on setpoints: why one is not flown, however often it is put; and any other"""
+
+    def hear(self, event: wire.Event) -> None:
+        """What the vehicle says of setpoints."""
+        if event.detail.get("why") in PASSING:
+            self._word = event.text
+        else:
+            self._refusal = event.text
 
     async def give(self, points: list[wire.SegmentPoint]) -> bool:
-        """Put it until the vehicle is committed to it; False where it is not heard, and flies on by what it has."""
-        first = self._lease.sent + 1
-        for _ in range(TRIES):
-            self.refusal = ""
-            self._lease.segment(points)
-            try:
-                await self._vehicle.wait_until(lambda state: self._ended or self._flies(state, first), TAKEN)
-            except TimedOut:
-                if self.refusal:
-                    break
-                if (age := self._vehicle.age) is not None and age > TAKEN:
-                    return False
-            else:
-                self._taken = first
-                self.check()
-                return True
-        raise self._refused
+        """Put it, and wait until the vehicle is committed to it; False: it flies on by what it has, and the way is to
+        be given again. Raises what the vehicle has against it, or where it is heard and takes none in so many tries.
+        """
+        first, self._refusal = self._lease.sent + 1, ""
+        self._lease.segment(points)
+        try:
+            await self._vehicle.wait_until(lambda state: self._ended or self._flies(state, first), TAKEN)
+        except TimedOut:
+            silent = (age := self._vehicle.age) is not None and age > TAKEN
+            self._tries = 0 if silent else self._tries + 1
+            if self._refusal or self._tries >= TRIES:
+                raise self._refused from None
+            return False
+        self._taken, self._tries, self._word = first, 0, ""
+        self.check()
+        return True
 
     def check(self) -> None:
         if self._lease.lost is not None:
@@ -65,7 +75,7 @@ class ByLease:
 
     @property
     def _refused(self) -> ZmavError:
-        text = self.refusal or "it does not say why"
+        text = self._refusal or self._word or "it does not say why"
         lost = self._lease.lost
         return lost or Refused(f"{self._vehicle.name} does not fly the segment: {text}", reasons=[text])
 

@@ -150,6 +150,8 @@ WINDOW = 20.0
 """s of the way that a segment has before it brakes"""
 KNOT, REST = 0.25, 5.0
 """s between two points of a segment on a curve, and elsewhere, at most"""
+LEAST = 1.0
+"""s that one lasts at least, at rest in the end: a vehicle takes none that is over when it comes there"""
 CLOSEST, BESIDE = 0.021, 0.1
 """s between two points at least; beside where the jerk changes, so that what is left out there bends nothing farther"""
 
@@ -241,8 +243,8 @@ class Trajectory:
         return self.braked(begin + window).points(begin, t0)
 
     def _knots(self, begin: float) -> Array:
-        """(K,) s: ``begin``, wherever the jerk changes, some in between, and the end."""
-        end = max(self.duration, begin + 2 * CLOSEST)
+        """(K,) s: ``begin``, wherever the jerk changes, some in between, and the end or :data:`LEAST` s later."""
+        end = max(self.duration, begin + LEAST)
         marks = self.law.t[(self.law.t > begin) & (self.law.t < end)]
         found = [begin]
         for mark in (*marks, end):

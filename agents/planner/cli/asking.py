@@ -57,7 +57,8 @@ class Planner:
         for pattern in patterns:
             meant = self.names([pattern])
             if len(meant) > 1 or meant[0] in found:
-                text = f"{pattern} means {', '.join(meant)}: give each vehicle one place, by its own name"
+                text = f"{pattern} means {', '.join(meant)}" if len(meant) > 1 else f"{meant[0]} has two places"
+                text += ": give each vehicle one place, by its own name"
                 raise BadInput(text, field="vehicles", value=pattern, expected="each vehicle once")
             found += meant
         return found

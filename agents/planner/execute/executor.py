@@ -178,12 +178,13 @@ class Executor:
         """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Where something is in
         anybody's way all come to rest as soon as they can, and a new plan is made.
         """
-        if (conductor := self._conductor) is None:
+        conductor, now = self._conductor, self.clock.now()
+        if conductor is None or conductor.halting:
             return
-        now = self.clock.now()
         for part in conductor.parts:
             if not part.is_clear(now, clear):
                 conductor.halt(f"{why} in the way of {part.id}", vehicle=part.id)
+                return
 
     async def run(self, flight: Flight) -> Outcome:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
@@ -416,12 +417,15 @@ class Executor:
         if self._conductor is None:
             return
         cancelled, settling = None, asyncio.ensure_future(self._settle(self._conductor))
-        while not settling.done():
-            try:
-                await asyncio.shield(settling)
-            except asyncio.CancelledError as e:
-                cancelled = e
-        self._conductor = None
+        try:
+            while not settling.done():
+                try:
+                    await asyncio.shield(settling)
+                except asyncio.CancelledError as e:
+                    cancelled = e
+            settling.result()
+        finally:
+            self._conductor = None
         if cancelled is not None:
             raise cancelled
 

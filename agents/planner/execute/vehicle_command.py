@@ -16,7 +16,7 @@ from agents.planner.execute.offset import Offset
 from agents.planner.live.frames import enu, ned
 from agents.planner.model.problem import Floats
 from zmav import keys, wire
-from zmav.errors import NotHolder, ZmavError
+from zmav.errors import BadInput, Clash, Forbidden, NotHolder, Refused, ZmavError
 from zmav.vehicle import Lease
 from zmav.waiting import within
 
@@ -28,6 +28,10 @@ UNSURE = 0.05
 PING_TIMEOUT = 2.0
 AGAIN = ("gone", "expired", "failsafe")
 """how a lease ends that nobody took: it is asked for again; failsafe: nothing came for so long that the vehicle held"""
+DENIED = (Forbidden, Refused, BadInput, Clash)
+"""a vehicle's own word that it gives no lease, and not the network's silence"""
+DENIED_FOR = 30.0
+"""s for which it says so until it is given up: it may be about to change"""
 RESTING = 0.5
 """m/s below which a vehicle rests"""
 TTL = 12.0
@@ -193,7 +197,7 @@ class VehicleCommand:
             await self._ping()
 
     async def _renew(self) -> None:
-        """Where the lease ended and nobody took it (a cut network), ask for another one."""
+        """Where the lease ended and nobody took it (a cut network), ask for another one until it is denied for good."""
         while not self.taken:
             await asyncio.sleep(0.2)
             if self._lease is None or not self._lost(self._lease) or self.taken:
@@ -202,11 +206,17 @@ class VehicleCommand:
             with contextlib.suppress(asyncio.TimeoutError):
                 await within(3.0, self._stack.aclose())
             self._stack = contextlib.AsyncExitStack()
+            denied: float | None = None
             while self._lease is None:
                 try:
                     self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL))
                 except NotHolder as e:
                     if e.detail.get("holder") != self._holder:
+                        self.taken = str(e)
+                        return
+                except DENIED as e:
+                    denied = self._clock.now() if denied is None else denied
+                    if self._clock.now() - denied >= DENIED_FOR:
                         self.taken = str(e)
                         return
                 except ZmavError:

@@ -10,9 +10,10 @@ import asyncio
 import contextlib
 import time
 import uuid
+from typing import NamedTuple
 
 import zmav
-from agents.planner.live.checks import check_obstacle, read_obstacle
+from agents.planner.live.checks import check_goal, check_obstacle, read_obstacle
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import Fleet
@@ -37,6 +38,21 @@ MAPS = 8
 """maps of planners that are kept: one that dies may come again before its standby takes over"""
 LEAST = 0.1
 """s between two looks at what is flown in a world that has changed"""
+
+
+class ReadMap(NamedTuple):
+    """What another planner keeps clear of, as far as it makes sense."""
+
+    obstacles: list[swarm.Obstacle]
+    odd: dict[str, str]
+    """by its name, why one is not kept"""
+
+    @property
+    def words(self) -> str:
+        """One of those that are not kept, and how many more there are."""
+        name, why = next(iter(self.odd.items()))
+        more = f" (and {len(self.odd) - 1} more)" if len(self.odd) > 1 else ""
+        return f"{name}: {why}{more}"
 
 
 class Agent:
@@ -65,7 +81,7 @@ class Agent:
         self._task: asyncio.Task[None] | None = None
         self._held = ""
         """why nothing is begun, so that it is said once"""
-        self._maps: dict[str, swarm.ObstacleMap] = {}
+        self._maps: dict[str, ReadMap] = {}
         """what planners said last that they keep clear of, by instance"""
         self._revision = 0
         """of the world, when what is flown was last looked at"""
@@ -124,17 +140,33 @@ class Agent:
         """What the planner in charge keeps clear of: anyone who stands by keeps it, too."""
         if self.context.charge.in_charge:
             return
-        with contextlib.suppress(BadInput):
+        try:
             told = wire.decode(data, swarm.ObstacleMap, "map of obstacles")
-            for each in told.obstacles:
-                if self.context.world.find(each.name) != each:  # what is kept was looked at
+        except BadInput as e:
+            self.context.say_seldom("refused", "warning", f"refused: {e}")
+            return
+        before, read = self._maps.pop(told.instance, None), self._read(told)
+        self._maps[told.instance] = read
+        if len(self._maps) > MAPS:
+            del self._maps[next(iter(self._maps))]
+        if read.odd and (before is None or before.odd != read.odd):
+            text = f"not kept of the obstacles that {told.planner} knows: {read.words}"
+            self.context.say_seldom("refused", "warning", text)
+        if self.context.charge.book is not None and told.instance == self.context.charge.book.instance:
+            self.context.world.follow(read.obstacles, time.monotonic(), time.time())
+
+    def _read(self, told: swarm.ObstacleMap) -> ReadMap:
+        read = ReadMap([], {})
+        for each in told.obstacles:
+            known = self.context.world.find(each.name)
+            try:
+                if known != each:  # what is kept was looked at
                     check_obstacle(each)
-            self._maps.pop(told.instance, None)
-            self._maps[told.instance] = told
-            if len(self._maps) > MAPS:
-                del self._maps[next(iter(self._maps))]
-            if self.context.charge.book is not None and told.instance == self.context.charge.book.instance:
-                self.context.world.follow(told.obstacles, time.monotonic(), time.time())
+                read.obstacles.append(each)
+            except BadInput as e:
+                read.odd[each.name] = e.message
+                read.obstacles.extend([known] if known else [])  # our own file's fence, perhaps: better than none
+        return read
 
     def on_traffic(self, data: bytes) -> None:
         try:
@@ -222,7 +254,7 @@ class Agent:
 
     def take_charge(self) -> None:
         book = self.context.charge.take()
-        again = self.context.ledger.take_over(book) if book else []
+        again = self.context.ledger.take_over(book, check_goal) if book else []
         self._tokens.in_charge(True)
         text = f"{self.context.settings.name} is in charge (term {self.context.charge.term})"
         if book:
@@ -235,14 +267,16 @@ class Agent:
 
     def check_map(self, book: swarm.Book, again: list[swarm.GoalEntry]) -> None:
         """Nothing is flown among obstacles that the one before us knew of and we do not."""
-        if told := self._maps.get(book.instance):
-            self.context.world.follow(told.obstacles, time.monotonic(), time.time())
-        known = len(self.context.world.obstacles)
+        world, read = self.context.world, self._maps.get(book.instance)
+        if read is not None:
+            world.follow(read.obstacles, time.monotonic(), time.time())
+        known = sum(read is None or each.name not in read.odd for each in world.obstacles)
         if known >= book.obstacles or not again:
             return
         for entry in again:
             entry.state, entry.text = "paused", "paused: not all obstacles are known"
         text = f"of the {book.obstacles} obstacles that {book.planner} knew, {known} are known here"
+        text += f" (not kept: {read.words})" if read is not None and read.odd else ""
         self.context.say("charge", "error", f"{text}: its goals are paused; tell them again, and resume")
 
     def _step_down(self, book: swarm.Book) -> None:

@@ -67,18 +67,17 @@ class Homeward:
 
     def tick(self) -> None:
         """Forget the ways of those who are down, or whom somebody else has: they fly none of them."""
-        futures = self.keeper.futures
         flying = self._flying()
-        for name in list(futures.parts):
+        for name in list(self.keeper.futures.parts):
             seen = self._fleet.seen(name)
             if seen is None:  # not heard for so long that it is down by now
-                futures.forget(name)
+                self.keeper.forget(name)
             elif seen.age >= FRESH or not self._over(name, seen):
                 continue
             elif name in flying:
-                futures.stored.pop(name, None)
+                self.keeper.idle(name)
             else:
-                futures.forget(name)
+                self.keeper.forget(name)
 
     def _over(self, name: str, seen: HeardVehicle) -> bool:
         """By what it says it flies nothing of ours, and takes nothing any more of what was put."""

@@ -195,7 +195,7 @@ class LeasedVehicles:
         self.executor.halt(why)
 
     def world_changed(self) -> None:
-        """Anyone who has something in its way from now on stops before it, and a new plan is made."""
+        """Where something is in anybody's way all come to rest as soon as they can, and a new plan is made."""
         planned, context = self._planned, self._run.context
         if planned is None:
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import msgspec
 
 from zmav.errors import BadInput
@@ -85,9 +87,16 @@ class GoalBook:
         for each in ended[: max(0, len(ended) - MOST_ENDED)]:
             self.goals.remove(each)
 
-    def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
-        """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are."""
+    def take_over(self, book: swarm.Book, check: Callable[[swarm.Goal], None]) -> list[swarm.GoalEntry]:
+        """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are.
+        One that nobody could have given, for which ``check`` raises :class:`BadInput`, has failed.
+        """
         self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
+        for entry in self.open:
+            try:
+                check(entry.goal)
+            except BadInput as e:
+                self.end(entry, "failed", f"not taken over from {book.planner}: {e.message}")
         again = self.open
         for entry in again:
             entry.state = "paused" if entry.state == "paused" else "queued"

@@ -119,6 +119,19 @@ class ReturnKeeper:
     def heard(self, part: Part, stamp: Stamp | None, said: float) -> None:
         self.futures.heard(part.id, stamp, said)
 
+    # What becomes of vehicles.
+
+    def forget(self, vehicle: str) -> None:
+        """It is down, or somebody else has it: it flies nothing of ours."""
+        self.futures.forget(vehicle)
+        self.idle(vehicle)
+
+    def idle(self, vehicle: str) -> None:
+        """As :meth:`forget`, and its plan goes on: it has no way home until it flies on, and that is not missed."""
+        self.futures.stored.pop(vehicle, None)
+        self._missing.pop(vehicle, None)
+        self._told.discard(vehicle)
+
     # How it is done.
 
     def _hinders(self, part: Part, other: Part, wanted: Entry) -> bool:

@@ -140,7 +140,13 @@ class Pipeline:
             rng = np.random.default_rng((self.seed, turn))
             fixed: list[Motion] = []
             if len(planes):
-                fixed = plan_planes(problem, world, planes.tolist(), rng)
+                until = half(self.deadline) if len(others) else self.deadline
+                try:
+                    fixed = plan_planes(problem, world, planes.tolist(), rng, until)
+                except PlanError as e:
+                    if turn > 0 and e.kind == "timeout":
+                        return  # others were too near the planes' first ways: that is what is to be said
+                    raise
             aside = tuple(
                 MovingObstacle(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
                 for i, motion in zip(planes, fixed, strict=True)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from agents.planner.model.deadline import NEVER, Deadline
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import PLANE, Floats, Motion, Problem
 from agents.planner.model.separation import least_between
@@ -193,14 +194,21 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
     raise PlanError("unreachable", [name], text)
 
 
-def plan_planes(problem: Problem, world: World, indices: Sequence[int], rng: np.random.Generator) -> list[Motion]:
+def plan_planes(
+    problem: Problem, world: World, indices: Sequence[int], rng: np.random.Generator, deadline: Deadline = NEVER
+) -> list[Motion]:
     """Motions (T, 4) of the planes ``indices``, in that order: from the start at its heading to the goal, flying.
 
     They keep off each other, off ``problem.movers``, and off the starts and goals of all others where that can be.
     Raises :class:`PlanError` ``unreachable`` for a plane that has no way at all, and ``timeout`` where none was found
-    for all together.
+    for all together until the ``deadline``; where there is one by then, no better one is looked for.
     """
-    planes = {index: _plane(problem, world, index, rng) for index in indices}
+    planes: dict[int, Plane] = {}
+    for index in indices:
+        if deadline.over:
+            name = problem.ids[index]
+            raise PlanError("timeout", [name], f"no way of {name} was looked for in time; allow more time")
+        planes[index] = _plane(problem, world, index, rng)
     bounds = {
         i: float(np.linalg.norm(problem.goal[i] - problem.start[i]) / problem.vmax[i]) for i in range(len(problem))
     }
@@ -209,8 +217,10 @@ def plan_planes(problem: Problem, world: World, indices: Sequence[int], rng: np.
     best: dict[int, Motion] = {}
     takes = math.inf
     for attempt in range(ATTEMPTS):
+        if deadline.over:
+            break
         found: dict[int, Motion] = {}
-        stuck = next((i for i in order if not _place_one(problem, planes[i], found)), None)
+        stuck = next((i for i in order if not _place_one(problem, planes[i], found, deadline)), None)
         last = max(order, key=lambda i: float(found[i][-1, 0])) if stuck is None else stuck
         if stuck is None and found[last][-1, 0] < takes:
             best, takes = found, float(found[last][-1, 0])
@@ -221,13 +231,16 @@ def plan_planes(problem: Problem, world: World, indices: Sequence[int], rng: np.
         order = [last, *(rest if attempt % 2 == 0 else [rest[k] for k in rng.permutation(len(rest))])]
     if not best and indices:
         name = problem.ids[order[0]]
-        raise PlanError("timeout", [name], f"no way of {name} was found that is clear of the other planes' ways")
+        text = f"no way of {name} was found that is clear of the other planes' ways"
+        raise PlanError("timeout", [name], f"{text}; allow more time" if deadline.over else text)
     return [best[index] for index in indices]
 
 
-def _place_one(problem: Problem, plane: Plane, found: dict[int, Motion]) -> bool:
-    """Choose the quickest way that is clear of those found before; False: there is none."""
+def _place_one(problem: Problem, plane: Plane, found: dict[int, Motion], deadline: Deadline) -> bool:
+    """Choose the quickest way that is clear of those found before; False: there is none, or no time to make more."""
     for level in range(LEVELS):
+        if level and deadline.over:
+            return False
         motions = plane.motions(level)
         for motion in motions:
             if level == 0 and motion[-1, 0] > GOOD * motions[0][-1, 0]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import math
 import time
 from collections.abc import AsyncIterator, Callable
@@ -52,6 +53,37 @@ class Controller(zmav.Agent):
         return {}
 
 
+class StalledClient(BadClient):
+    """While ``held`` is a list, what is put of setpoints waits in it."""
+
+    held: list[Callable[[], None]] | None = None
+    breaks = False
+    """nothing goes through any more once one waits"""
+
+    async def __aenter__(self) -> StalledClient:
+        await super().__aenter__()
+        return self
+
+    def put(self, channel: keys.Channel, *what: Any, **more: Any) -> None:
+        put = functools.partial(super().put, channel, *what, **more)
+        if self.held is None or channel is not keys.SETPOINT:
+            put()
+        else:
+            self.held.append(put)
+            self.cut = self.breaks
+
+    def let_go(self) -> None:
+        held, self.held = self.held, None
+        for put in held or []:
+            put()
+
+
+class Distant(Navigator):
+    """One at the other end of a bad network."""
+
+    name = "distant"
+
+
 class Field:
     """A copter in the air with a navigator, and a client as people have it."""
 
@@ -63,6 +95,22 @@ class Field:
         """About a place at 5 m above the origin, wherever the copter is."""
         place = {"north": 0.0, "east": 0.0, "down": -5.0}
         return await self.me.tell("navigator", "fly", **{**place, **arguments})
+
+    @contextlib.asynccontextmanager
+    async def distant(self) -> AsyncIterator[tuple[StalledClient, Distant]]:
+        settings, tuned = FlightSettings(lease_s=20.0), {"settle": 0.0}
+        async with StalledClient(self.fleet.endpoint, 0.0, (0.0, 0.0)) as z, contextlib.AsyncExitStack() as stack:
+            distant = Distant(z, "quad1", settings, tuned)
+            await stack.enter_async_context(distant)
+            running = asyncio.create_task(distant.run())
+            try:
+                yield z, distant
+            finally:
+                running.cancel()
+                await asyncio.gather(running, return_exceptions=True)
+
+    async def circle(self) -> dict[str, Any]:
+        return await self.me.tell("distant", "fly", route="circle", radius=8.0, north=0.0, east=0.0, down=-5.0)
 
     async def until(self, true: Callable[[], bool], what: str) -> None:
         await until(true, lambda: f"{what}; {self.words[-1:]}", PATIENCE_S)
@@ -168,29 +216,66 @@ async def test_what_is_aborted_comes_to_rest_on_its_way_and_is_given_back(field:
 
 async def test_a_network_that_is_silent_for_seconds_ends_no_flight(field: Field) -> None:
     """It is while the second segment is due, and for longer than one that is heard has to take it."""
-
-    class Distant(Navigator):
-        name = "distant"
-
-    settings, tuned = FlightSettings(lease_s=20.0), {"settle": 0.0}
-    async with BadClient(field.fleet.endpoint, 0.0, (0.0, 0.0)) as z, contextlib.AsyncExitStack() as stack:
-        distant = Distant(z, "quad1", settings, tuned)
-        await stack.enter_async_context(distant)
-        running = asyncio.create_task(distant.run())
-        await field.me.tell("distant", "fly", route="circle", radius=8.0, north=0.0, east=0.0, down=-5.0)
+    async with field.distant() as (z, distant):
+        await field.circle()
         course = distant.course
         assert course is not None
         await until(lambda: time.time() > course.start + WINDOW - OVERLAP - 1.0, "", PATIENCE_S)
         z.cut = True
         await asyncio.sleep((TRIES + 2) * TAKEN)
+        with pytest.raises(Refused, match="flies circle already"):
+            await field.circle()
         assert distant.flying
         z.cut = False
         await field.me.wait_until(lambda state: state.segment is not None and state.segment.seq > 1, PATIENCE_S)
         await field.me.tell("distant", "abort")
         assert distant.flight is not None
         assert distant.flight.exception() is None
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_a_segment_that_the_network_held_back_is_put_again(field: Field) -> None:
+    before = field.me.state.setpoints.get("late", 0)
+    async with field.distant() as (z, _):
+        z.held = []
+        flying = asyncio.create_task(field.circle())
+        await until(lambda: z.held, "", PATIENCE_S)
+        await asyncio.sleep(0.7 * TAKEN)  # longer than it is good for, and less than it is waited for
+        z.let_go()
+        await flying
+        await field.me.wait_until(lambda state: state.setpoints.get("late", 0) > before, PATIENCE_S)
+        await field.me.tell("distant", "abort")
+
+
+async def test_a_way_whose_first_segment_is_lost_in_a_silence_is_begun_all_the_same(field: Field) -> None:
+    async with field.distant() as (z, _):
+        held: list[Callable[[], None]] = []
+        z.held, z.breaks = held, True
+        flying = asyncio.create_task(field.circle())
+        await until(lambda: len(held) > 1 or flying.done(), "", PATIENCE_S)
+        z.cut, z.held = False, None
+        await flying
+        await field.me.tell("distant", "abort")
+
+
+async def test_what_is_aborted_in_a_silence_comes_to_rest_on_its_way_when_it_is_heard_again(field: Field) -> None:
+    async with field.distant() as (z, distant):
+        await field.circle()
+        course = distant.course
+        assert course is not None
+        await until(lambda: time.time() > course.start + 2.0, "", PATIENCE_S)
+        z.cut = True
+        await asyncio.sleep(1.5 * TAKEN)  # it is not heard
+        aborting = asyncio.create_task(field.me.tell("distant", "abort"))
+        await asyncio.sleep(2.5 * TAKEN)
+        assert distant.flying
+        z.cut = False
+        await aborting
+        assert distant.flight is not None
+        assert distant.flight.exception() is None
+        await field.me.wait_until(
+            lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.1, PATIENCE_S
+        )
+        assert math.dist(field.me.local, course.place(time.time())) < 0.5
 
 
 async def test_a_route_beyond_the_fence_is_not_begun_and_the_vehicle_s_reason_is_told(field: Field) -> None:

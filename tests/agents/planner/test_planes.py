@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agents.planner.model import verify
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, problem_of
 from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Point, Scene, Vehicle
@@ -158,6 +159,14 @@ def test_many_planes_at_once(count: int) -> None:
         vehicles.append(plane(f"p{k}", start, goal, heading=math.degrees(angle) + 180.0))
     motions = planned(arena(*vehicles))
     assert max(motion[-1, 0] for motion in motions.values()) < 2.0 * 340.0 / 22.0
+
+
+def test_planes_without_time_are_a_timeout() -> None:
+    scene = arena(plane("p", (-150.0, 0.0, 70.0), (150.0, 0.0, 70.0)))
+    rng = np.random.default_rng(0)
+    with pytest.raises(PlanError, match="allow more time") as failed:
+        plan_planes(problem_of(scene), world_of(scene), [0], rng, Deadline.after(-1.0))
+    assert (failed.value.kind, failed.value.ids) == ("timeout", ["p"])
 
 
 def test_over_a_ridge() -> None:

@@ -6,12 +6,18 @@ much as was not known of them. More histories: tests/bench/plan_execute.py --his
 
 from __future__ import annotations
 
+import asyncio
+from typing import cast
+
 import numpy as np
 import pytest
 
+import zmav
 from agents.planner.execute.conductor import Conductor
+from agents.planner.execute.executor import Executor
 from agents.planner.execute.following import Following
 from agents.planner.execute.track import CommonClock
+from agents.planner.execute.vehicle_command import Clock
 from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.separation import separation
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
@@ -198,21 +204,55 @@ def test_one_who_is_lost_is_waited_for_and_then_the_plan_is_given_up() -> None:
     check(history)
 
 
-def test_an_obstacle_on_the_way_stops_its_vehicle_before_it_and_all() -> None:
+class Nobody:
+    """A client that hears nobody."""
+
+    fleet = "demo"
+
+    def vehicle(self, name: str) -> Nobody:
+        return self
+
+    def heard(self, name: str, fleet: str) -> None:
+        return None
+
+
+class VirtualClock(Clock):
+    def __init__(self, history: History) -> None:
+        self._history = history
+
+    def now(self) -> float:
+        return self._history.now
+
+
+async def test_an_obstacle_on_the_way_of_one_brings_all_to_rest() -> None:
     motions = slower(carousel(3, 12.0, speed=4.0), 3.0)
     history = History(motions, np.random.default_rng(2), loss=0.1)
     history.run(4.0)
     crane = history.parts[0].track.at(np.array([12.0]))[0][0]
 
+    answers: list[bool] = []
+
     def clear(p: Floats, q: Floats, radius: float) -> bool:
-        return float(np.linalg.norm(0.5 * (p + q) - crane)) > radius
+        answers.append(float(np.linalg.norm(0.5 * (p + q) - crane)) > radius)
+        return answers[-1]
 
     assert [part.is_clear(history.now, clear) for part in history.parts] == [False, True, False]
-    history.conductor.halt("a crane in the way of v0", vehicle="v0")
+    offsets = {part.id: part.offset for part in history.parts}
+    executor = Executor(cast("zmav.Client", Nobody()), motions, clock=VirtualClock(history), offsets=offsets)
+    flying = asyncio.create_task(executor.follow(history.conductor, lambda: True))
+    await asyncio.sleep(0)
+    executor.obstructed(lambda p, q, radius: True, "nothing")
+    assert history.conductor.phase(history.now) == "flying"
+    answers.clear()
+    executor.obstructed(clear, "a crane")
+    assert history.conductor.halting == "a crane in the way of v0"
+    assert answers.index(False) == len(answers) - 1, "nobody else is looked at once all come to rest"
+    executor.obstructed(clear, "another crane")
+    assert answers.count(False) == 1
     history.run(60.0, ended)
+    assert await flying == "a crane in the way of v0"
     assert history.conductor.phase(history.now) == "halted"
     assert history.parts[0].stop < 12.0
-    assert history.conductor.halting == "a crane in the way of v0"
     check(history)
 
 

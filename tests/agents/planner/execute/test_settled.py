@@ -41,3 +41,20 @@ async def test_who_is_cancelled_twice_still_waits_until_all_rest() -> None:
     moving.now = "halted"
     with pytest.raises(asyncio.CancelledError):
         await flying
+
+
+@pytest.mark.parametrize("cancelled", [False, True])
+async def test_a_fault_while_all_come_to_rest_is_raised_and_nothing_is_flown_any_more(cancelled: bool) -> None:
+    class Broken(Moving):
+        def decide(self, now: float, most: int) -> list[object]:
+            if self.halting:
+                if cancelled:
+                    flying.cancel()
+                raise RuntimeError("a fault of its own")
+            return []
+
+    executor = Executor(cast("zmav.Client", None), ())
+    flying = asyncio.create_task(executor.follow(cast("Conductor", Broken()), lambda: False))
+    with pytest.raises(RuntimeError, match="a fault of its own"):
+        await flying
+    assert executor.phase is None

@@ -22,6 +22,7 @@ from agents.planner.live import plan as planning
 from agents.planner.live import resting
 from agents.planner.live import run as running
 from agents.planner.live.agent import Agent
+from agents.planner.live.checks import check_goal
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.leased_vehicles import LeasedVehicles
 from agents.planner.live.order_handlers import MOST_PREVIEWS, check_known
@@ -416,7 +417,7 @@ async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
     aside.on_book(wire.encode(swarm.Book(**mine, instance="again", term=1)))
     book = aside.context.charge.take()
     assert book is not None
-    aside.check_map(book, again := aside.context.ledger.take_over(book))
+    aside.check_map(book, again := aside.context.ledger.take_over(book, check_goal))
     assert len(aside.context.world.obstacles) == known
     assert [entry.state for entry in again] == [state]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from agents.planner.live.checks import check_goal
 from agents.planner.live.ledger import MOST_ENDED, MOST_OPEN, GoalBook
 from zmav.errors import BadInput
 from zmav.wire import swarm
@@ -53,6 +54,19 @@ def test_goals_are_found_by_id_and_the_others_named() -> None:
         ledger.find("g9")
 
 
+def test_a_goal_that_nobody_could_have_given_fails_when_it_is_taken_over() -> None:
+    ledger = GoalBook()
+    good = ledger.add(hold("a"), "now", 1.0, 1)
+    far = ledger.add(swarm.GoTo(vehicles=["b"], to=[(0.0, 1e300, -9.0)]), "now", 1.0, 1)
+    nobody = ledger.add(hold(), "now", 1.0, 1)
+    other = GoalBook()
+    again = other.take_over(swarm.Book(t=1.0, planner="old", instance="x", term=1, goals=ledger.goals), check_goal)
+    assert [entry.id for entry in again] == [good.id]
+    failed = {entry.id: entry.text for entry in other.goals if entry.state == "failed"}
+    assert set(failed) == {far.id, nobody.id}
+    assert "not taken over from old: goal.to[0][1]" in failed[far.id]
+
+
 def test_the_book_is_finite() -> None:
     ledger = GoalBook()
     for i in range(MOST_OPEN):
@@ -72,7 +86,7 @@ def test_a_standby_goes_on_with_what_has_not_ended() -> None:
     flying.state, flying.makespan, paused.state = "flying", 12.0, "paused"
     told = swarm.Book(t=1.0, planner="old", instance="x", term=1, goals=ledger.goals)
     other = GoalBook()
-    again = other.take_over(told)
+    again = other.take_over(told, check_goal)
     assert [entry.id for entry in again] == [flying.id, paused.id]
     assert [(entry.state, entry.makespan) for entry in again] == [("queued", None), ("paused", None)]
     assert flying.state == "flying", "the old book is not ours to change"

@@ -16,6 +16,7 @@ from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live import jobs
 from agents.planner.live.solver import GRACE, Solver, SolverDied
 from agents.planner.live.worker import SolverProcess
+from agents.planner.model.deadline import WALL
 from agents.planner.model.errors import PlanError
 from agents.planner.model.scene import Bounds, Box, NoFly, Scene, Vehicle
 from tests.waiting import until
@@ -89,7 +90,7 @@ async def test_it_plans_dies_and_plans_again() -> None:
         assert solver.pid != pid
         os.kill(solver.pid or 0, signal.SIGSTOP)
         with pytest.raises(TimedOut, match="given up"):
-            await solver.do(jobs.Solve(over, seconds=0.2 - GRACE))
+            await solver.do(jobs.Solve(over, seconds=(0.2 - GRACE) / WALL))
         assert not solver.ready
 
 
@@ -123,7 +124,7 @@ async def test_one_that_hangs_is_given_up_however_large_its_job_is(monkeypatch: 
         await solver.until_ready(PATIENCE_S)
         os.kill(solver.pid or 0, signal.SIGSTOP)
         with pytest.raises(TimedOut, match="given up"):
-            await within(PATIENCE_S, solver.do(jobs.Solve(forest, seconds=0.2 - GRACE)))
+            await within(PATIENCE_S, solver.do(jobs.Solve(forest, seconds=(0.2 - GRACE) / WALL)))
         assert not solver.ready
 
 

@@ -263,3 +263,6 @@ def test_a_place_of_its_own_is_given_to_one_vehicle() -> None:
     for patterns in (["quad*", "quad1"], ["quad1", "quad?"], ["quad2", "quad2"], ["all"]):
         with pytest.raises(BadInput, match="give each vehicle one place"):
             planner.one_each(patterns)
+    for patterns in (["quad2", "quad2"], ["rover1", "rover*"]):
+        with pytest.raises(BadInput, match=f"{patterns[0]} has two places"):
+            planner.one_each(patterns)

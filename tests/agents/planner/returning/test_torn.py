@@ -147,6 +147,20 @@ def test_a_battery_that_does_not_last_is_landed_and_not_flown_home() -> None:
     assert "battery does not last" in history.missing["v1"]
 
 
+def test_who_was_down_misses_its_way_home_no_sooner_than_anybody_else() -> None:
+    rng = np.random.default_rng(1)
+    history = HomeHistory(plan(1), rng, loss=0.1, lasts={"v1": AFTER + 20.0})
+    moments(history, rng)
+    history.run(30.0)
+    assert "v1" in history.missing
+    history.missing.clear()
+    history.keeper.forget("v1")
+    history.run(10.0)
+    assert not history.missing
+    history.run(60.0)
+    assert "battery does not last" in history.missing["v1"]
+
+
 @pytest.mark.parametrize("seed", [0, 1, 3, 4])
 def test_one_that_a_pilot_holds_is_not_flown_into(seed: int) -> None:
     """The planner sees where it is; those who were told before that are told again."""
