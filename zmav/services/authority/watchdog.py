@@ -163,7 +163,7 @@ class StreamWatchdog:
         with self._changed:
             flown = self._flown
             if flown is None or not self._ours():
-                self._end()  # nothing flies by it
+                self._end(lost=True)  # nothing flies by it
                 return
             if flown.lease == self._over:
                 return
@@ -196,7 +196,8 @@ class StreamWatchdog:
                 return
             self._flown = flown
             if not self._ours():
-                self._end()
+                self._flown = None  # it ended before
+                self._end(lost=True)
                 return
             self._hold(why)
             self._since = time.monotonic()
@@ -245,9 +246,7 @@ class StreamWatchdog:
         if flown is None:
             return
         if not self._ours():
-            ended = None if self._first else flown
-            self._end()
-            self._lost = ended
+            self._end(lost=True)
         elif self._step is Step.FRESH:
             lost = isinstance(flown.what, Segment) and self._shown().mode != flown.mode
             if now >= (flown.until if lost else flown.holds_at):
@@ -437,11 +436,13 @@ class StreamWatchdog:
         segment = flies and self._flown is not None and isinstance(self._flown.what, Segment)
         self._control.take(self, Mover.SEGMENT if segment else MOVERS[self._step])
 
-    def _end(self) -> None:
+    def _end(self, *, lost: bool = False) -> None:
+        """``lost``: by a mode that was not ordered here. What flew is kept, also where its end was seen before."""
+        kept = (self._lost or (None if self._first else self._flown)) if lost else None
         if self._flown is not None and self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due, self._flew_under = Step.IDLE, None, math.inf, 0
-        self._dodging = self._lost = None
+        self._dodging, self._lost = None, kept
         self._control.leave(self)
         self._changed.notify_all()
 
