@@ -301,12 +301,9 @@ class Onboard:
 
     def take_roster(self, roster: Roster) -> None:
         """The authority's newest: whom it has turned out is believed no more, and commands no more."""
-        if self.gate is None:
-            return
-        self.gate.roster = roster
-        by = self.leases.origin
-        if by is not None and self.gate.roster.is_revoked(by.fingerprint):
-            self.leases.end("revoked", f"lease of {self.leases.holder} ended: the fleet turned {by.name} out")
+        if self.gate is not None:
+            self.gate.roster = roster
+            self.authority.take_roster(self.gate.roster)  # the newest, whatever came
 
     def _add_orders(self) -> None:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""

@@ -20,7 +20,7 @@ from zmav import keys, wire
 from zmav.errors import BadInput, TimedOut, ZmavError
 from zmav.mavlink.ftp import crc32_of_file
 from zmav.services.files.sink import TransferMeter
-from zmav.wire.files import CHUNK, MOST_CHUNKS
+from zmav.wire.files import CHUNK, MOST_CHUNKS, read_offset
 
 if TYPE_CHECKING:
     from zmav.client import Answer, Client
@@ -123,8 +123,7 @@ class Files:
         count, wait, fresh = FEWEST_CHUNKS * 8, ANSWER, time.monotonic()
         while have < stored.size:
             began = time.monotonic()
-            chunks = await self._ask_chunks(stored, have, count * CHUNK, wait)
-            ahead.update(chunks)
+            ahead.update(await self._ask_chunks(stored, have, count * CHUNK, wait))
             start = have
             while (data := ahead.pop(have, None)) is not None:
                 os.write(fd, data)
@@ -141,20 +140,26 @@ class Files:
                 fresh = now
             elif now - fresh > GIVE_UP:
                 raise TimedOut(f"no bytes from {self._vehicle.name} for {GIVE_UP:.0f} s: get it again to go on")
-            elif not chunks:
+            else:  # also where something came: made up, or behind a lost chunk, it brings us no farther
                 await asyncio.sleep(0.2)
 
     async def _ask_chunks(self, stored: wire.StoredFile, offset: int, length: int, wait: float) -> Mapping[int, bytes]:
-        """The chunks that come of one query, by their offsets; they come in order, so the last one ends it."""
+        """The chunks that come of one query, by their offsets; they come in order, so the last one ends it. What is no
+        chunk, anybody but the vehicle made up.
+        """
         key = keys.FILE_CHUNK.key(self._vehicle.fleet, self._vehicle.name, file=stored.file, offset="*")
         query = wire.FileQuery(offset=offset, length=length)
         end = min(offset + length, stored.size)
 
+        def begins(answer: Answer) -> int | None:
+            return read_offset(answer.key.rpartition("/")[2]) if 0 < len(answer.payload) <= CHUNK else None
+
         def last(answer: Answer) -> bool:
-            return _offset(answer) + len(answer.payload) >= end
+            at = begins(answer)
+            return at is not None and at + len(answer.payload) >= end
 
         answers = await self._client.ask(key, wire.encode(query), wait, keys.FILE_CHUNK, last)
-        return {_offset(answer): answer.payload for answer in _good(answers)}
+        return {at: answer.payload for answer in _good(answers) if (at := begins(answer)) is not None}
 
 
 class Logs:
@@ -199,12 +204,6 @@ def _good(answers: Sequence[Answer | ZmavError]) -> list[Answer]:
             raise answer
         found.append(answer)
     return found
-
-
-def _offset(answer: Answer) -> int:
-    """Where its bytes belong; -1, which is nowhere, where anybody but the vehicle made it up."""
-    text = answer.key.rpartition("/")[2]
-    return int(text) if text.isascii() and text.isdecimal() and len(text) < 12 else -1
 
 
 def _stored(result: dict[str, Any]) -> wire.StoredFile:

@@ -106,3 +106,8 @@ class FileQuery(Wire, kw_only=True):
 
     offset: int = 0
     length: int = CHUNK * MOST_CHUNKS
+
+
+def read_offset(text: str) -> int | None:
+    """Where a chunk begins, by the last part of its key; None: that is no place in a file."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 12 else None

@@ -140,6 +140,9 @@ class RunCommand(Forced, kw_only=True):
     ``params`` holds the dialect's own labels (``{"Pitch": 0.2}``) or ``param1`` to ``param7``; enumerated parameters
     take the entry's name; None is NaN. ``frame`` (a MAV_FRAME's name) sends it as COMMAND_INT: param5 and param6 are
     then degrees.
+
+    Refused is what its own verb would refuse. So are DO_SET_STANDARD_MODE (``set_mode`` enters a mode by its name) and
+    DO_AUX_FUNCTION of a function that arms, disarms or flies the mission (ArduPilot: 16, 41, 81, 99, 153, 154, 165).
     """
 
     command: str

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.failsafe.conftest import PATIENT
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
 from zmav.config import Limits
@@ -134,10 +135,17 @@ async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:
     assert norths(b.peer.heard(GLOBAL)[0]) == pytest.approx(AHEAD_M, abs=0.2)
 
 
-@pytest.mark.parametrize("by", ["goto", "stream"])
-async def test_who_does_not_know_where_it_is_any_more_is_led_no_farther(bench: StartBench, by: str) -> None:
-    """A far target, given as it is, would be flown to however long nothing more is heard."""
-    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+@pytest.mark.parametrize(
+    ("by", "vel"),
+    [("goto", None), ("stream", None), ("stream", (2.0, 0.0, 0.0))],
+    ids=["goto", "stream", "stream with a velocity"],
+)
+async def test_who_does_not_know_where_it_is_any_more_is_led_no_farther_and_says_so(
+    bench: StartBench, by: str, vel: wire.Vector | None
+) -> None:
+    """A far target, given as it is, would be flown to however long nothing more is heard, whatever comes with it."""
+    settings = {"origin": ORIGIN, "failsafe": PATIENT}
+    b = await (await (await bench(settings=settings)).connected()).flying()
     b.peer.send("GLOBAL_POSITION_INT", **at())  # once, so that it is old in two seconds
     await b.state(lambda s: s["position"], "position")
     if by == "goto":
@@ -146,10 +154,14 @@ async def test_who_does_not_know_where_it_is_any_more_is_led_no_farther(bench: S
         lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
     for seq in range(16):  # 5 Hz: longer than a position is fresh
         if by == "stream":
-            point = wire.Setpoint(lease=lease, seq=seq, deadline=time.time() + 2, pos=(400.0, 0.0, -10.0))
+            point = wire.Setpoint(lease=lease, seq=seq, deadline=time.time() + 2, pos=(400.0, 0.0, -10.0), vel=vel)
             b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
-        await b.state(lambda s: True, "a moment")
+        state = await b.state(lambda s: True, "a moment")
     assert max(norths(t) for t in b.peer.heard(GLOBAL)) < 2 * AHEAD_M
+    await b.event("it does not say any more where it is", kind="setpoint", severity="warning")
+    if by == "stream":
+        became = state["setpoints"]
+        assert became["position"] > 0 and became["flown"] + became["position"] <= 16
     told = len(b.peer.heard(GLOBAL))
     b.peer.send("GLOBAL_POSITION_INT", **at(north=10.0))
     await b.peer.count(GLOBAL, told + 1)
@@ -165,6 +177,7 @@ async def test_who_is_brought_back_from_afar_keeps_to_the_limit_of_speed(bench: 
     b.peer.send("GLOBAL_POSITION_INT", **at())
     lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
     await b.state(lambda s: s["position"], "position")
+    b.peer.send("GLOBAL_POSITION_INT", **at())  # so that it is fresh however long that took
     point = wire.Setpoint(lease=lease, seq=1, deadline=time.time() + 2, pos=(200.0, 0.0, 0.0), vel=(1.0, 0.0, 0.0))
     b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
     await b.peer.count("SET_POSITION_TARGET_LOCAL_NED", 1)

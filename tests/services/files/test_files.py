@@ -282,24 +282,26 @@ async def test_a_file_is_sent_again_only_where_the_vehicle_does_not_know_of_it(
 
 
 class Answering:
-    """What a download asks: the first answers come from somebody who makes them up."""
+    """What a download asks: the first answers come from somebody who makes them up, and then an empty-handed one."""
 
     def __init__(self, data: bytes) -> None:
-        self.data, self.asked = data, 0
+        self.data, self.asked, self.ended = data, list[float](), list[list[bool]]()
 
     async def ask(self, key: str, payload: bytes, timeout: float, channel: keys.Channel, enough: Any) -> list[Answer]:
-        self.asked += 1
-        offsets = ("abc", "-1", "1e3", "9" * 5000) if self.asked == 1 else ("0",)
-        answers = [Answer(f"{key.removesuffix('*')}{offset}", self.data) for offset in offsets]
-        for answer in answers:
-            enough(answer)
+        self.asked.append(asyncio.get_running_loop().time())
+        made_up = [(offset, self.data) for offset in ("abc", "-1", "1e3", "9" * 5000)] + [("0", bytes(CHUNK + 1))]
+        told = (made_up, [("5", self.data[5:])], [("0", self.data)])[len(self.asked) - 1]
+        answers = [Answer(f"{key.removesuffix('*')}{offset}", chunk) for offset, chunk in told]
+        self.ended.append([enough(answer) for answer in answers])
         return answers
 
 
-async def test_who_makes_up_chunks_ends_no_download(tmp_path: Path) -> None:
+async def test_who_makes_up_chunks_ends_no_download_and_has_it_ask_no_oftener(tmp_path: Path) -> None:
     data, vehicle = b"0123456789", SimpleNamespace(fleet="demo", name="quad1")
     client = Answering(data)
     stored = wire.StoredFile(file="x", path="/x", size=len(data), crc32=crc32(data), t=0.0)
     files = Files(vehicle, client)  # type: ignore[arg-type]
     assert (await files.download(stored, tmp_path, "x", None)).read_bytes() == data
-    assert client.asked == 2
+    assert client.ended == [[False] * 5, [True], [True]]
+    first, second, third = client.asked
+    assert min(second - first, third - second) > 0.1

@@ -10,6 +10,7 @@ import pytest
 
 from tests.packed_params import unpack_params
 from tests.services.files.disk import PATIENCE_S, disk, noise
+from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink import ftp
 from zmav.mavlink.ftp import Nak, Op
@@ -152,6 +153,60 @@ async def test_what_is_cancelled_is_the_transfer_under_way_and_none_that_waits(
         with pytest.raises(Refused, match="superseded"):
             await first
         assert (await second).read_bytes() == other
+
+
+async def test_a_transfer_that_waits_for_what_is_none_is_not_cancelled(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        data, waits = d.put("/APM/g", noise(2_000)), asyncio.Event()
+        async with d.onboard.files.ftp.turn("listing /APM", lambda news: None):
+            waiting = asyncio.ensure_future(
+                d.v.files.get("/APM/g", tmp_path / "g", lambda news: waits.set() if news.get("waiting_for") else None)
+            )
+            await asyncio.wait_for(waits.wait(), PATIENCE_S)
+            assert await d.v.files.cancel() is None
+        assert (await waiting).read_bytes() == data
+
+
+async def test_a_put_is_cancelled_while_its_checksum_is_asked_for_too(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        d.storage.ftp.faults.mute.add(Op.CALC_FILE_CRC32)  # so that it is still asked for when the other order comes
+        files, ending = d.onboard.files, list[asyncio.Future[dict[str, Any]]]()
+
+        def report(news: dict[str, Any]) -> None:
+            if news.get("checking"):
+                ending.append(asyncio.ensure_future(files.cancel(wire.Order(), lambda news: None)))
+
+        with pytest.raises(asyncio.CancelledError):
+            await files.put(wire.FilePut(path="/APM/u", data=b"1"), report)
+        assert await ending[0] == {"cancelled": "checking /APM/u"}
+
+
+async def test_an_order_that_is_cancelled_more_than_once_leaves_no_transfer_behind(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    """Else the next one could not be cancelled before its first turn."""
+    async with disk(net, onboard, tmp_path) as d:
+        files, under_way = d.onboard.files, asyncio.Event()
+
+        async def work() -> None:
+            under_way.set()
+            await asyncio.Event().wait()
+
+        first = asyncio.ensure_future(files.transfer(work()))
+        await under_way.wait()
+        while not first.done():
+            first.cancel()
+            await asyncio.sleep(0)
+        under_way.clear()
+        second = asyncio.ensure_future(files.transfer(work()))
+        await under_way.wait()
+        assert await files.cancel(wire.Order(), lambda news: None) == {"cancelled": "a transfer"}
+        with pytest.raises(asyncio.CancelledError):
+            await second
 
 
 async def test_half_a_file_is_not_left_behind(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:

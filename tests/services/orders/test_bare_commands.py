@@ -35,13 +35,26 @@ async def test_what_would_set_off_is_not_armed_by_a_bare_command(
     assert b.peer.commands(SET_MODE)[0].at < b.peer.commands(ARM)[0].at
 
 
-@pytest.mark.parametrize("function", [16.0, 153.0], ids=["AUTO", "arm or disarm"])
+WHOLE = "a whole number"
+
+
+@pytest.mark.parametrize(
+    ("function", "why"),
+    [
+        pytest.param(16.0, "arm, disarm and set_mode are orders", id="AUTO"),
+        pytest.param(153.0, "arm, disarm and set_mode are orders", id="arm or disarm"),
+        pytest.param(153.5, WHOLE, id="cut to arm or disarm"),
+        pytest.param(65536.0 + 153.0, WHOLE, id="with more bits than it has"),
+        pytest.param(-0.5, WHOLE, id="below all of them"),
+        pytest.param(None, WHOLE, id="NaN"),
+    ],
+)
 async def test_a_switch_of_the_pilot_s_that_has_a_verb_is_not_turned_by_a_bare_command(
-    bench: StartBench, function: float
+    bench: StartBench, function: float | None, why: str
 ) -> None:
     """By it ArduPilot disarms in the air, too, and flies a mission whose places nobody has judged."""
     b = await (await bench()).flying()
-    with pytest.raises(BadInput, match="arm, disarm and set_mode are orders"):
+    with pytest.raises(BadInput, match=why):
         await b.ground.do("command", command="DO_AUX_FUNCTION", params={"param1": function, "param2": 0.0})
     assert b.peer.commands(AUX_FUNCTION) == []
     await b.ground.do("command", command="DO_AUX_FUNCTION", params={"param1": 19.0, "param2": 2.0})  # a gripper
@@ -49,19 +62,21 @@ async def test_a_switch_of_the_pilot_s_that_has_a_verb_is_not_turned_by_a_bare_c
 
 
 AUX_FUNCTION, STANDARD_MODE, MISSION = 218, 262, 6.0
+GENERIC, ARDUPILOT, PX4 = 0, 3, 12
+"""MAV_AUTOPILOT"""
 
 
-@pytest.mark.parametrize(
-    ("command", "number", "params"),
-    [
-        ("DO_SET_MODE", SET_MODE, {"param1": 1.0, "param2": 77.0}),
-        ("DO_SET_STANDARD_MODE", STANDARD_MODE, {"param1": MISSION}),  # whose places nobody would have judged
-    ],
-)
-async def test_a_mode_that_nobody_knows_is_not_entered_by_a_bare_command(
-    bench: StartBench, command: str, number: int, params: dict[str, float]
-) -> None:
+async def test_a_mode_that_nobody_knows_is_not_entered_by_a_bare_command(bench: StartBench) -> None:
     b = await (await bench()).flying()
-    with pytest.raises(BadInput, match="set_mode enters one by its name"):
-        await b.ground.do("command", command=command, params=params)
-    assert b.peer.commands(number) == []
+    with pytest.raises(BadInput, match=r"no mode is known that .* enters: set_mode enters one by its name"):
+        await b.ground.do("command", command="DO_SET_MODE", params={"param1": 1.0, "param2": 77.0})
+    assert b.peer.commands(SET_MODE) == []
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4, GENERIC])
+async def test_a_standard_mode_is_not_entered_by_a_bare_command(bench: StartBench, autopilot: int) -> None:
+    """One of them flies the mission, whose places nobody would have judged."""
+    b = await (await bench(autopilot=autopilot)).connected()
+    with pytest.raises(BadInput, match="standard modes are not judged: set_mode enters one by its name"):
+        await b.ground.do("command", command="DO_SET_STANDARD_MODE", params={"param1": MISSION})
+    assert b.peer.commands(STANDARD_MODE) == []

@@ -12,15 +12,15 @@ from typing import Any
 
 from tests.services.conftest import ACCEPTED, Peer, Told
 
-SET_INTERVAL, DENIED = 511, 2
+SET_INTERVAL, REJECTED_FOR_NOW, DENIED = 511, 1, 2
 STEP_S = 0.01
 
 
 class StreamPeer(Peer):
     """Sends messages at intervals, answers TIMESYNC, forgets everything in a reboot.
 
-    ``unasked`` are the rates in Hz of what it sends by itself; ``denied`` the messages it does not send, ``fastest``
-    the rate above which it denies any; ``fields`` what the messages hold.
+    ``unasked`` are the rates in Hz of what it sends by itself; ``denied`` the messages it does not send, ``later``
+    those that it cannot send now, ``fastest`` the rate above which it denies any; ``fields`` what the messages hold.
     """
 
     def __init__(self, sysid: int = 1, unasked: dict[str, float] | None = None, **more: Any) -> None:
@@ -28,6 +28,7 @@ class StreamPeer(Peer):
         self.unasked = unasked or {}
         self.rates = dict(self.unasked)
         self.denied: set[str] = set()
+        self.later: set[str] = set()
         self.fastest = 400.0
         self.fields: dict[str, dict[str, Any]] = {}
         self.answers_within = math.inf
@@ -78,6 +79,7 @@ class StreamPeer(Peer):
             return
         name, interval = self.dialect.name_of(int(told.fields["param1"])), told.fields["param2"]
         result = DENIED if name in self.denied or 0 < interval < 1e6 / self.fastest else ACCEPTED
+        result = REJECTED_FOR_NOW if name in self.later else result
         if result == ACCEPTED:
             self._set(name, interval)
         self.acknowledge(number, result, told.source)

@@ -72,3 +72,20 @@ async def test_a_wish_for_next_to_nothing_keeps_no_other_from_being_asked_for(
     assert all(0 < interval < 2**31 for interval in one.asked("ATTITUDE_QUATERNION"))
     for each in held:
         each.undeclare()
+
+
+async def test_who_wishes_for_next_to_nothing_keeps_no_other_from_the_same_message(
+    bench: StartBench, one: StreamPeer
+) -> None:
+    """Neither by how long an answer to it would take, nor as the most that there is of it."""
+    b = await on(bench, one)
+    one.later, one.fastest = {"VFR_HUD"}, 15.0
+    held = [token(b.ground, name, "1e-300", "slow-1") for name in ("VFR_HUD", "ATTITUDE_QUATERNION")]
+    await b.event("VFR_HUD at 0.0167 Hz refused: TEMPORARILY_REJECTED")
+    await one.until(lambda: "ATTITUDE_QUATERNION" in one.rates, "it, as seldom as that")
+    one.later = set()
+    held += [token(b.ground, "VFR_HUD", 12, "late-1"), token(b.ground, "ATTITUDE_QUATERNION", 20, "late-1")]
+    await flows(one, "VFR_HUD", 12.0)
+    await flows(one, "ATTITUDE_QUATERNION", 10.0)  # 20 are more than there is
+    for each in held:
+        each.undeclare()

@@ -32,6 +32,7 @@ from zmav.services.orders.orders import OTHER
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
+from zmav.trust.roster import Roster
 from zmav.verbs import Access, Verb
 
 TOLD = 1.5
@@ -45,7 +46,7 @@ ASKED_FOR = 30.0
 HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
 """... and those that may put something there, sooner or later"""
 BESIDE = ("disarm", "mission_current", "command")
-"""orders that leave the one that moves the vehicle, or is to arm it, under way"""
+"""orders after which the one before is still the last that moves the vehicle: what ends with its lease"""
 
 
 class Authority:
@@ -109,6 +110,10 @@ class Authority:
         """monotonic s at which the watchdog asked for a mode last"""
         self._ordered_under = 0
         """the number of the lease under which the last such order was given; 0: it needed none, or is open to all"""
+        self._ordered_by: Origin | None = None
+        """whose that order was, where it is proven; None: nobody's, or it is open to all"""
+        self._out: frozenset[str] = frozenset()
+        """fingerprints, hexadecimal, of whom the fleet has turned out: maybe while an order of theirs was judged"""
 
     def start(self) -> None:
         bus = self._bus
@@ -148,6 +153,8 @@ class Authority:
         if isinstance(args, wire.Forced) and args.force and origin is not None and origin.role is not Role.OPERATOR:
             raise Forbidden(f"{verb.name} with force is an operator's, and {origin.name} is none", reason="role")
         if origin is not None:
+            if self._is_out(origin):
+                raise Forbidden(f"the fleet turned {origin.name} out", reason="revoked", origin=origin.name)
             self._check_order(verb, args, origin)
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
@@ -169,7 +176,9 @@ class Authority:
         flown = None if moves_nothing(verb, args) else self.watchdog.stop()
         self.leader.stop()
         if verb.name not in BESIDE:
-            self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
+            moving = verb.access is Access.MOVE
+            self._ordered_under = self.leases.number if self.leases.holder and moving else 0
+            self._ordered_by = origin if moving else None
         self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
         if verb.access is Access.OPEN and not self.leases.holds(args.lease, origin):  # his next setpoint would undo it
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
@@ -291,21 +300,36 @@ class Authority:
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
         self.watchdog.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
         if not lost and self._ordered_under == end.number:
-            self._end_order(end)
+            movers = (Mover.ORDER,) if end.reason == "released" else (Mover.ORDER, Mover.TARGET)
+            self._end_order(end.text, end.number, movers)
 
-    def _end_order(self, end: wire.LeaseEnd) -> None:
-        """What was ordered under a lease ends with it where somebody meant the end: the vehicle holds for the next."""
-        movers = (Mover.ORDER,) if end.reason == "released" else (Mover.ORDER, Mover.TARGET)
+    def take_roster(self, roster: Roster) -> None:
+        """The authority's newest: whom it has turned out commands no more. A lease of theirs ends, and what they
+        ordered to move the vehicle, with a lease or without one.
+        """
+        self._out = frozenset(roster.revoked)
+        by = self.leases.origin
+        if by is not None and self._is_out(by):
+            self.leases.end("revoked", f"lease of {self.leases.holder} ended: the fleet turned {by.name} out")
+        by = self._ordered_by
+        if by is not None and self._is_out(by):
+            self._end_order(f"the fleet turned {by.name} out", 0, (Mover.ORDER, Mover.TARGET))
+
+    def _is_out(self, origin: Origin) -> bool:
+        return origin.fingerprint.hex() in self._out
+
+    def _end_order(self, why: str, lease: int, movers: tuple[Mover, ...]) -> None:
+        """What was ordered ends with the right to it where somebody meant that end: the vehicle holds for the next."""
         if not self.control.claimed(*movers):
             return
-        self._ordered_under = 0
+        self._ordered_under, self._ordered_by = 0, None
         self._commander.supersede()
         self.leader.stop()
         who, now = self._identity, time.monotonic()
         if who.autopilot is not None and who.source is not None:
             still = Target(vel=(0.0, 0.0, 0.0))
-            flown = ActiveStream(who.autopilot, who.source, end.number, still, who.mode or "", now, goes_on=False)
-            self.watchdog.hold(flown, end.text)
+            flown = ActiveStream(who.autopilot, who.source, lease, still, who.mode or "", now, goes_on=False)
+            self.watchdog.hold(flown, why)
 
     def _on_mode_requested(self, told: ModeRequested) -> None:
         """In the watchdog's thread: what it asks for is no pilot's mode, not even for a moment."""

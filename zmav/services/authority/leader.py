@@ -74,19 +74,26 @@ class PositionLeader:
     """
 
     def __init__(self, companion: Companion, control: Control, bounds: Bounds) -> None:
-        self._port, self._identity, self._control, self._bounds = companion.port, companion.identity, control, bounds
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self._control, self._bounds = control, bounds
         self._task: asyncio.Task[None] | None = None
 
-    def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target | None:
+    def near(
+        self, autopilot: Autopilot, target: Target, source: tuple[int, int], on_segment: bool = False
+    ) -> Target | None:
         """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity.
-        None: nothing, for it does not say any more where it is; it stops where it was led last.
+        None: nothing, for it does not say any more where it is; it stops where it was led last, which is told. A point
+        of a segment (``on_segment``) is near by itself, and moves on.
         """
         if target.lat_deg is None or not flies_on(autopilot):
             return target
         position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH)
-        if position is None:  # a point of a trajectory is near by itself, and moves on
-            lost = target.level == "position" and self._port.latest("GLOBAL_POSITION_INT", source) is not None
-            return None if lost else target
+        if position is None:
+            if on_segment or self._port.latest("GLOBAL_POSITION_INT", source) is None:
+                return target
+            text = "it does not say any more where it is: it is led no farther, and stops"
+            self._events.emit("setpoint", "warning", text, limit="sp position")  # as a setpoint dropped for it
+            return None
         if autopilot.on_surface and target.vel is not None:
             return pursuit(target, position, self._bounds.most_speed)
         return within_reach(target, position)

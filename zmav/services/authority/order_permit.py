@@ -25,8 +25,10 @@ class OrderPermit:
 
     def __init__(self, authority: Authority, judges: Mapping[str, Judge]) -> None:
         self._authority, self._judges = authority, judges
-        self._came, self._newest = itertools.count(1), 0
-        """numbers the orders as they come, and of those begun that make the vehicle safe or move it the last to come"""
+        self._came = itertools.count(1)
+        """numbers the orders as they come"""
+        self._newest = 0
+        """the highest number of an order that has begun and makes the vehicle safe or moves it"""
 
     def __call__(self, verb: Verb, handler: Guarded) -> Guarded:
         authority, judge = self._authority, self._judges.get(verb.name)
@@ -37,7 +39,8 @@ class OrderPermit:
             if judge is not None:
                 await judge(args, report)  # which may take its time
                 if self._newest > number:
-                    raise Refused(f"{verb.name} was overtaken: the vehicle was ordered otherwise meanwhile")
+                    text = f"{verb.name} was overtaken: the vehicle was ordered otherwise meanwhile"
+                    raise Refused(f"{text}; give it again if it is still wanted")
                 authority.allow(verb, args, origin)
             flown = authority.begin(verb, args, origin)
             if verb.access is Access.OPEN or (verb.access is Access.MOVE and not moves_nothing(verb, args)):

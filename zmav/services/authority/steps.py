@@ -12,7 +12,7 @@ from zmav.services.authority.control import Mover
 SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
 
 Allowed = Callable[[str | None], bool]
-Near = Callable[[Autopilot, Target, tuple[int, int]], Target | None]
+Near = Callable[[Autopilot, Target, tuple[int, int], bool], Target | None]
 Aside = Callable[[Callable[[float], Target]], tuple[Target, str] | None]
 
 

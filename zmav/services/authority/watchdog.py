@@ -29,12 +29,9 @@ from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
 from zmav.services.link.reported import ReportedMode, shown
 
-ASK_EVERY = 1.0
-"""s between requests for a mode"""
-LATE_MODE = 2.0
-"""s after such a request in which it may yet show that it was granted, the stream having ended"""
-GIVE_UP = 3.0
-"""s after which a mode that does not come is taken for refused"""
+ASK_EVERY, LATE_MODE, GIVE_UP = 1.0, 2.0, 3.0
+"""s between requests for a mode; s after one in which it may yet show that it was granted, the stream having ended; s
+after which a mode that does not come is taken for refused"""
 HOLD_EVERY, HOLD_REPEATS = 0.2, 3
 HOLD_WATCH = 30.0
 """s for which a vehicle that still moves is told to stop, twice a second"""
@@ -48,8 +45,8 @@ class StreamWatchdog:
 
     ``allowed(mode)``: that mode of the autopilot is one that was ordered here; the pilot has the vehicle otherwise.
     ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`). ``aside``: what to fly instead
-    for a moment, and because of whom (:mod:`zmav.services.authority.separation`). The port's
-    bus is told of each :class:`ModeRequested` and :class:`StreamGivenUp`.
+    for a moment, and because of whom (:mod:`zmav.services.authority.separation`). The port's bus is told of each
+    :class:`ModeRequested` and :class:`StreamGivenUp`.
     """
 
     def __init__(
@@ -112,7 +109,7 @@ class StreamWatchdog:
 
     def fly(self, flown: ActiveStream, mode: str | None) -> bool:
         """Send it and watch over it. False: the mode that follows it is being asked for, ``mode`` is the present one;
-        the latest setpoint is flown as soon as it is there.
+        the latest setpoint is flown as soon as it is there. What cannot be sent now is watched over all the same.
         """
         with self._changed:
             if flown.lease == self._over:
@@ -121,6 +118,7 @@ class StreamWatchdog:
             flown.check_joined(self._port, self._flown if follows else None)
             now, step = time.monotonic(), self._step
             before, self._flown, self._lost = self._flown, flown, None
+            sent: bool | None = True
             if before is not None:
                 self._let_go(before, flown)
             if mode == flown.mode:
@@ -131,8 +129,6 @@ class StreamWatchdog:
                     self._enter(Step.FRESH)
                 elif before is None or type(before.what) is not type(flown.what):
                     self._claim()
-                if not sent:
-                    raise LinkDown("the link to the autopilot is down or full", count="link")
             else:
                 if self._step is not Step.ENGAGING:
                     self._begin_engaging(flown)
@@ -140,6 +136,10 @@ class StreamWatchdog:
                     self._send()
             due = self._next(now)
             self._wake(min(due, self._due) if step is Step.ENGAGING is self._step else due)
+            if sent is None:
+                raise Refused("it does not say any more where it is", count="position")
+            if not sent:
+                raise LinkDown("the link to the autopilot is down or full", count="link")
             return mode == flown.mode
 
     def future(self) -> Callable[[float], Target] | None:
@@ -163,7 +163,7 @@ class StreamWatchdog:
         with self._changed:
             flown = self._flown
             if flown is None or not self._ours():
-                self._end()  # nothing flies by it
+                self._end(lost=True)  # nothing flies by it
                 return
             if flown.lease == self._over:
                 return
@@ -196,7 +196,8 @@ class StreamWatchdog:
                 return
             self._flown = flown
             if not self._ours():
-                self._end()
+                self._flown = None  # it ended before
+                self._end(lost=True)
                 return
             self._hold(why)
             self._since = time.monotonic()
@@ -245,9 +246,7 @@ class StreamWatchdog:
         if flown is None:
             return
         if not self._ours():
-            ended = None if self._first else flown
-            self._end()
-            self._lost = ended
+            self._end(lost=True)
         elif self._step is Step.FRESH:
             lost = isinstance(flown.what, Segment) and self._shown().mode != flown.mode
             if now >= (flown.until if lost else flown.holds_at):
@@ -437,11 +436,13 @@ class StreamWatchdog:
         segment = flies and self._flown is not None and isinstance(self._flown.what, Segment)
         self._control.take(self, Mover.SEGMENT if segment else MOVERS[self._step])
 
-    def _end(self) -> None:
+    def _end(self, *, lost: bool = False) -> None:
+        """``lost``: by a mode that was not ordered here. What flew is kept, also where its end was seen before."""
+        kept = (self._lost or (None if self._first else self._flown)) if lost else None
         if self._flown is not None and self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due, self._flew_under = Step.IDLE, None, math.inf, 0
-        self._dodging = self._lost = None
+        self._dodging, self._lost = None, kept
         self._control.leave(self)
         self._changed.notify_all()
 
@@ -464,8 +465,8 @@ class StreamWatchdog:
         self._port.bus.tell(ModeRequested(mode))
         self._give(self._flown.autopilot.mode(mode).command)
 
-    def _send(self) -> bool:
-        """The setpoint as it is now; False where the link does not take it."""
+    def _send(self) -> bool | None:
+        """The setpoint as it is now; False where the link does not take it, None where :attr:`_near` gives nothing."""
         flown = self._flown
         assert flown is not None
         instead = self._aside(future(flown))
@@ -475,10 +476,10 @@ class StreamWatchdog:
             self._hold("moved aside from the segment", left=True)
             return True
         self._dodging = None
-        target = self._near(flown.autopilot, future(flown)(0.0), flown.source)
-        actions = [] if target is None else flown.autopilot.setpoint(target)
+        near = self._near(flown.autopilot, future(flown)(0.0), flown.source, isinstance(flown.what, Segment))
+        actions = [] if near is None else flown.autopilot.setpoint(near)
         sent = [self._give(action) for action in actions if self._repeated.due(action, time.monotonic())]
-        return all(sent)
+        return None if near is None else all(sent)
 
     def _dodge(self, flown: ActiveStream, target: Target, whom: str) -> bool:
         if self._dodging is None:

@@ -22,7 +22,7 @@ from zmav.services.files.ftp import Ftp
 from zmav.services.files.store import Meta, PartialFile, Store
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.queries.questions import Reply
-from zmav.wire.files import CHUNK, MOST_CHUNKS
+from zmav.wire.files import CHUNK, MOST_CHUNKS, read_offset
 
 T = TypeVar("T")
 ATTEMPTS = 2
@@ -72,7 +72,10 @@ class Files:
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
         args.check()
-        meter = await self.transfer(self.ftp.put(args.path, args.data, report))
+        return await self.transfer(self._put(args, report))
+
+    async def _put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
+        meter = await self.ftp.put(args.path, args.data, report)
         found, sent = await self._crc(args.path, report), crc32(args.data)
         if found not in (None, sent):
             why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{sent:08x}"
@@ -83,9 +86,10 @@ class Files:
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
         task, what = self.ftp.under_way
-        if task not in self._transfers:
+        if task is None:  # between two turns of one, or before its first
             task, what = next(iter(self._transfers), None), "a transfer"
-        return {"cancelled": what if task is not None and task.cancel() else None}
+        ended = task is not None and task in self._transfers and task.cancel()
+        return {"cancelled": what if ended else None}
 
     async def _change(self, op: Op, args: wire.FilePath, report: Report) -> dict[str, Any]:
         await self.ftp.change(op, args.path, report)
@@ -97,12 +101,8 @@ class Files:
         """See ``work`` through as the transfer that ``file_cancel`` ends."""
         task = asyncio.ensure_future(work)
         self._transfers.append(task)
-        try:
-            return await task
-        finally:
-            task.cancel()
-            await asyncio.wait({task})
-            self._transfers.remove(task)
+        task.add_done_callback(self._transfers.remove)  # however often who waits for it is cancelled
+        return await task  # who is cancelled cancels it, and goes on when it has ended
 
     async def fetch(self, path: str, report: Report) -> wire.StoredFile:
         """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with."""
@@ -181,7 +181,11 @@ class Files:
 
     def _asked(self, query: zenoh.Query, offset: str) -> wire.FileQuery:
         if offset != "*":
-            return wire.FileQuery(offset=_offset(offset), length=CHUNK)
+            at = read_offset(offset)
+            if at is None:
+                text = f"{offset!r} is no offset"
+                raise BadInput(text, field="offset", value=offset, expected="a number of bytes")
+            return wire.FileQuery(offset=at, length=CHUNK)
         asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.FileQuery, "query of a file")
         if asked.offset < 0 or asked.length < 0:
             raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
@@ -193,9 +197,3 @@ def generated(path: str) -> bool:
     reads of one size: its checksum is that of other reads than ours.
     """
     return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")
-
-
-def _offset(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) < 12):
-        raise BadInput(f"{text!r} is no offset", field="offset", value=text, expected="a number of bytes")
-    return int(text)

@@ -78,8 +78,7 @@ class Logs:
 
     async def get(self, args: wire.LogGet, report: Report) -> dict[str, Any]:
         """Fetch a log; its result is a :class:`zmav.wire.StoredFile`. An interrupted one is gone on with."""
-        entry = await self._entry(args.log, report)
-        result: dict[str, Any] = msgspec.to_builtins(await self._files.transfer(self._fetch(entry, report)))
+        result: dict[str, Any] = msgspec.to_builtins(await self._files.transfer(self._fetch(args.log, report)))
         return result
 
     async def erase(self, args: wire.LogErase, report: Report) -> dict[str, Any]:
@@ -160,8 +159,9 @@ class Logs:
         suffix = autopilot.log_suffix if autopilot else ""
         return wire.LogEntry(id=entry.id, size=entry.size, t=t, name=f"log_{entry.id}{day}{suffix}")
 
-    async def _fetch(self, entry: Listed, report: Report) -> wire.StoredFile:
+    async def _fetch(self, number: int, report: Report) -> wire.StoredFile:
         """The log protocol has no checksum; each frame has one."""
+        entry = await self._entry(number, report)
         origin, identity = f"log/{self._described(entry).name}", f"{entry.size} {entry.time_utc}"
         store = self._files.store
         kept, dated = store.find(origin, identity), bool(entry.time_utc)

@@ -30,6 +30,8 @@ LAST_WORD = 1.5
 ACTIVE, PAUSED, COMPLETE = 3, 4, 5
 """MISSION_STATE"""
 RETURN, LAND, VTOL_LAND = 20, 21, 85
+MOST_SWITCH = 0x7FFF
+"""the largest number of an auxiliary function: ArduPilot's parameters for them have 16 bits"""
 FLIES = ("MAV_CMD_MISSION_START", "MAV_CMD_DO_LAND_START")
 """commands that fly the mission, from its beginning or from where it lands"""
 
@@ -74,14 +76,21 @@ class MissionFlight:
 
     async def judge_command(self, command: Command, force: bool, report: Report) -> None:
         """The commands that fly a mission, or land by it, lead where the mission does; one that enters a mode, as
-        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known, and for a pilot's switch that
-        has an order.
+        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known, a standard mode, and a pilot's
+        switch that has an order.
         """
         if command.name in FLIES:
             await self._judge_flown(force, report)
-        elif command.name == "MAV_CMD_DO_AUX_FUNCTION" and command.params[0] in self._do.autopilot().switches:
-            raise BadInput.wrong("param1", command.params[0], "another function: arm, disarm and set_mode are orders")
-        elif command.name in ("MAV_CMD_DO_SET_MODE", "MAV_CMD_DO_SET_STANDARD_MODE"):
+        elif command.name == "MAV_CMD_DO_AUX_FUNCTION":
+            function = command.params[0]
+            if not (0.0 <= function <= MOST_SWITCH and function == int(function)):  # it would be cut to one
+                raise BadInput.wrong("param1", function, f"a whole number from 0 to {MOST_SWITCH}")
+            if function in self._do.autopilot().switches:
+                raise BadInput.wrong("param1", function, "another function: arm, disarm and set_mode are orders")
+        elif command.name == "MAV_CMD_DO_SET_STANDARD_MODE":
+            text = "standard modes are not judged: set_mode enters one by its name"
+            raise BadInput(text, field="command", value=command.name, expected="set_mode")
+        elif command.name == "MAV_CMD_DO_SET_MODE":
             autopilot = self._do.autopilot()
             mode = autopilot.mode_by(command)
             if mode is not None:

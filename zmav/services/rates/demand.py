@@ -31,6 +31,8 @@ from zmav.session import is_read
 PLAIN_HZ = 4.0
 """the rate a subscriber without a token is taken to want"""
 MAX_HZ = 500.0
+SLOWEST = 1.0 / 60.0
+"""Hz, as which anything slower counts: ArduPilot keeps no longer interval than a minute, and MAVLink none of years"""
 MOST_NAMED = 40
 """messages that plain subscribers may name; with more, somebody takes whatever there is"""
 NOBODYS = "NONE_OF_THEM"
@@ -214,7 +216,7 @@ def demand_of(key: str, dialect: Dialect) -> Demand | None:
         name = dialect.name_of(int(by_number[1]))
     elif name not in dialect.by_name:
         return None
-    return Demand(name, hz, instance, True) if 0.0 < hz <= MAX_HZ else None
+    return Demand(name, max(hz, SLOWEST), instance, True) if 0.0 < hz <= MAX_HZ else None
 
 
 def _streamed(name: str, dialect: Dialect) -> bool:

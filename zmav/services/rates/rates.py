@@ -34,8 +34,6 @@ OWN = {"SYSTEM_TIME": 0.2}
 SET_INTERVAL = "MAV_CMD_SET_MESSAGE_INTERVAL"
 DEFAULT = 0.0
 """the interval that stands for whatever the autopilot does unasked"""
-LONGEST = 2e9
-"""µs: half an hour, which autopilots can keep (32 bits)"""
 SILENT = 1.2
 """s after which what is not heard, and may come by itself, is taken not to"""
 ANSWER = 0.5
@@ -232,20 +230,22 @@ class Rates:
         standing = self._standing.setdefault(target.name, RequestedRate())
         rate = standing.rate(target)
         had, standing.asked = standing.asked, rate  # from now on it is to be put back, whatever comes in between
-        result = await self._set_interval(source, target.name, min(1e6 / rate, LONGEST))
+        result = await self._set_interval(source, target.name, 1e6 / rate)
         standing.since, standing.forgotten = time.monotonic(), False
-        standing.not_before = standing.since + standing.pause + 3.0 / rate
+        standing.not_before = standing.since + standing.pause
         standing.pause = min(2.0 * standing.pause, self.unanswered_pause if result is None else LONGEST_PAUSE)
         if result is None or result == CommandResult.ACCEPTED:
             standing.refused = None  # without an answer: what flows will tell
+            standing.not_before += 3.0 / rate
         else:
             standing.asked = had
             self._refuse(standing, target, result, rate)
 
     def _refuse(self, standing: RequestedRate, target: Target, result: int, rate: float) -> None:
         never = self._identity.autopilot is not None and result in self._identity.autopilot.never_rated
+        slower = max(rate / 2, standing.asked or 0.0)  # what it sends already, it has not refused
         if never and rate > SLOWER_FROM:
-            standing.ceiling, standing.not_before = rate / 2, 0.0
+            standing.ceiling, standing.not_before = slower, 0.0
             self._wake.set()
             return
         word = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")
@@ -257,7 +257,7 @@ class Rates:
         if standing.asked is None:
             standing.final = never
         else:
-            standing.ceiling = standing.asked  # what it sends already is the most there is
+            standing.ceiling = slower
 
     async def _put_back(self, source: tuple[int, int], name: str) -> None:
         """Nobody reads it any more."""
