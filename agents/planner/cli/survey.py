@@ -19,7 +19,6 @@ from agents.planner.cli.goals import (
     polygon,
     vehicles_argument,
 )
-from zmav.cli.common import Finite
 from zmav.wire import swarm
 
 NUMBER = r"(\d+(?:\.\d+)?)"
@@ -84,9 +83,9 @@ def overlaps(text: str) -> tuple[float, float]:
 @click.option("--polygon", type=polygon, metavar=POLYGON, required=True, help="The area: '0,0 100,0 100,80'.")
 @click.option("--camera", "lens", type=camera, metavar=CAMERA, required=True, help=f"{FORMS[0].upper()}{FORMS[1:]}.")
 @click.option("--pixels", type=click.IntRange(min=1), help="Of a picture's long side, for --gsd.")
-@click.option("--height", type=Finite(), help="Metres above where each took off.")
+@click.option("--height", type=float, help="Metres above where each took off.")
 @above_ground_option
-@click.option("--gsd", type=Finite(), help="Centimetres of ground a pixel, in place of --height.")
+@click.option("--gsd", type=float, help="Centimetres of ground a pixel, in place of --height.")
 @click.option("--overlap", type=overlaps, metavar=OVERLAPS, default="0.75,0.65", show_default=True)
 @degrees("--heading", help="Degrees clockwise from north of the lanes.  [default: along a side, the quickest]")
 @click.option("--trigger", is_flag=True, help="Each autopilot triggers its camera by distance over the lanes.")

@@ -188,7 +188,7 @@ async def test_a_goal_is_waited_for_by_the_clock_and_not_by_books(net: Net) -> N
             book = swarm.Book(t=time.time(), planner="ground", instance="1", term=1, goals=goals)
             planner.session.put(key, wire.encode(book))
             await asyncio.sleep(0.02)
-        assert (await within(PATIENCE_S, watching)).state == "done"
+        assert (await asyncio.wait_for(watching, PATIENCE_S)).state == "done"
 
 
 async def test_a_goal_that_nobody_knows_is_not_waited_for(net: Net) -> None:
