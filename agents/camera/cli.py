@@ -20,8 +20,7 @@ from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
 from agents.camera.photos import PREFIX, Photos
 from agents.camera.settings import MOST_ZOOM, Calibration, CameraSettings
 from agents.camera.sources import open_source
-from zmav.cli.common import Work, connected, dump, fleet_option, json_option, run, zenoh_options
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, dump, fleet_option, json_option, run, zenoh_options
 from zmav.cli.vehicles import matching
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError

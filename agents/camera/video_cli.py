@@ -19,8 +19,7 @@ from agents.camera.settings import CameraSettings
 from agents.camera.streams import Stream, open_stream
 from agents.camera.video import VideoAgent
 from zmav import keys, wire
-from zmav.cli.common import dump, fleet_option, json_option, run, show_table, zenoh_options
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, dump, fleet_option, json_option, run, show_table, zenoh_options
 from zmav.client import Answer
 from zmav.config import load_fleet
 from zmav.errors import BadConfig, BadInput, TimedOut

@@ -77,7 +77,7 @@ class Bridge:
         self.dialect: Dialect = z.dialect
         self.loop = asyncio.get_running_loop()
         self.news: Callable[[str], None] = on_loop(self.loop, say)
-        self.routes = Routes(Options(vehicles=settings.vehicles))
+        self.routes = Routes(Options(vehicles=settings.vehicles), self.news)
         self.ground = Ground(z, self.loop, self.routes)
         self._by_client = HandlersByClient(self.ground)
         self._answerers: list[Answerer] = [

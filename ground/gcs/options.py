@@ -95,7 +95,7 @@ def parse_options(query: str, defaults: Options, where: str) -> Options:
 
 def read_rate(text: str) -> float:
     """Bytes a second of ``4kB/s`` or ``57600 bit/s``."""
-    return parse_budget(text, "rate", LEAST_RATE)
+    return parse_budget(text, "rate", LEAST_RATE, "'4kB/s' or '57600 bit/s'")
 
 
 def read_vehicles(text: str) -> tuple[str, ...]:

@@ -45,8 +45,10 @@ class Routes:
     as it is heard. Two uids, or an unknown one, are two vehicles with one id.
     """
 
-    def __init__(self, selected: Options) -> None:
-        self._selected = selected
+    def __init__(self, selected: Options, news: Callable[[str], None]) -> None:
+        self._selected, self._news = selected, news
+        self._odd: set[Place] = set()
+        """with ids that no frame can have"""
         self._tracks: dict[tuple[Place, int], Track] = {}
         self.vehicles: dict[Place, Known] = {}
         self.systems: dict[int, tuple[Known, ...]] = {}
@@ -61,22 +63,28 @@ class Routes:
 
     def refresh(self, fleet: Iterable[zmav.Vehicle]) -> tuple[list[Known], list[Known]]:
         """Look who is there; who came, and who went. On one thread."""
-        before, now = self.vehicles, {}
+        before, now, odd = self.vehicles, {}, set[Place]()
         systems: dict[int, list[Known]] = {}
         for vehicle in fleet:
             state = vehicle.last_state
             if state is None or state.sysid is None or not vehicle.present or not self._selected.sees(vehicle.name):
                 continue
-            if not {state.sysid, state.compid or 1} <= IDS:  # no frame could be made in its name
+            place, compid = (vehicle.fleet, vehicle.name), state.compid or 1
+            if not {state.sysid, compid} <= IDS:  # no frame could be made in its name
+                odd.add(place)
+                if place not in self._odd:
+                    wrong = f"{compid} is no component id" if state.sysid in IDS else f"{state.sysid} is no system id"
+                    self._news(f"{vehicle.name}: {wrong} (1 to 255): no station is told of it")
                 continue
             recorded = "a recording, which takes no orders" if state.replayed else None
             words = ", ".join(filter(None, (f"system {state.sysid}", state.kind, state.autopilot, recorded)))
-            place, rules = (vehicle.fleet, vehicle.name), autopilot_named(state.autopilot, state.kind)
-            known = Known(place, state.sysid, state.compid or 1, state.uid, words, rules)
+            rules = autopilot_named(state.autopilot, state.kind)
+            known = Known(place, state.sysid, compid, state.uid, words, rules)
             now[known.place] = known
             systems.setdefault(known.sysid, []).append(known)
         self.ways = {sysid: self._way(found) for sysid, found in systems.items() if len(found) > 1 and _is_one(found)}
         self.vehicles, self.systems = now, {sysid: tuple(found) for sysid, found in systems.items()}
+        self._odd = odd
         gone = [known for place, known in before.items() if place not in now]
         return [known for place, known in now.items() if place not in before], gone
 

@@ -14,9 +14,9 @@ from zmav.errors import BadInput
 
 CALLER = "as"
 """the query parameter that names the caller: no argument of an order"""
-T = TypeVar("T")
 FORM = "application/x-www-form-urlencoded"
 MOST_FIELDS = 100
+T = TypeVar("T")
 
 
 async def arguments_of(request: Request, kind: type[msgspec.Struct]) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def object_of(body: bytes) -> dict[str, Any]:
     return found
 
 
-def number_of(values: Mapping[str, str], name: str, default: T, most: float) -> float | T:
+def number_of(values: Mapping[str, str], name: str, default: T, most: float, unit: str) -> float | T:
     """A parameter above 0 and at most ``most``; raises :class:`BadInput`."""
     text = values.get(name)
     if text is None:
@@ -56,7 +56,7 @@ def number_of(values: Mapping[str, str], name: str, default: T, most: float) -> 
     except ValueError:
         value = -1.0
     if not 0.0 < value <= most:
-        expected = f"a number above 0, at most {most:g}"
+        expected = f"a number above 0, at most {most:g} {unit}"
         raise BadInput(f"{name} {text[:80]!r}: expected {expected}", field=name, value=text[:80], expected=expected)
     return value
 

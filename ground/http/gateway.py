@@ -59,9 +59,10 @@ class Wants:
         come, nor for more than :data:`MOST_WANTED` at once.
         """
         place = (fleet or self._client.fleet_name, vehicle, message, hz)
-        new = place not in self._tokens
-        token = None if new else self._tokens[place][0]
-        if token is None:
+        found = self._tokens.get(place)
+        if found is not None:
+            token = found[0]
+        else:
             if len(self._tokens) >= MOST_WANTED or not self._is_streamed(message):
                 return False
             try:
@@ -72,7 +73,7 @@ class Wants:
         self._tokens[place] = token, time.monotonic() + LASTING
         if self._timer is None:
             self._sweep()
-        return new
+        return found is None
 
     def _is_streamed(self, message: str) -> bool:
         found = self._client.dialect.by_name.get(message)

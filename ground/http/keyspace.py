@@ -34,7 +34,7 @@ ORDERS = (keys.DO, keys.AGENT_DO)
 def routes(gateway: Gateway) -> list[BaseRoute]:
     async def get_key(request: Request) -> Response:
         """What answers to a key expression: quad1 (its state), quad*/ATTITUDE, quad1/param/RTL_ALT, quad1/link/*."""
-        timeout = number_of(request.query_params, "timeout", 2.0, 60.0)
+        timeout = number_of(request.query_params, "timeout", 2.0, 60.0, "s")
         found, status = await look(gateway, request.path_params["key"], timeout)
         return answer(found, status)
 

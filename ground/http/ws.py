@@ -303,7 +303,7 @@ class Socket:
         given = self._ws.query_params
         for key in given.getlist("key"):
             try:
-                await self._obey(Ask(subscribe=key, hz=number_of(given, "hz", None, MAX_HZ)))
+                await self._obey(Ask(subscribe=key, hz=number_of(given, "hz", None, MAX_HZ, "Hz")))
             except ZmavError as e:
                 self._say(body_of(failure_of(e)))
 

@@ -162,11 +162,10 @@ def _repair(path: Path) -> None:
 
 def _show_orders(paths: Sequence[Path]) -> None:
     """One line an order, the earliest first; who, from where, what, to whom, outcome."""
-    from ground.record.sources import open_all
+    from ground.record.sources import open_all, readable
 
     rows, ending = list[tuple[str, ...]](), f"/@fleet/{keys.ORDERED}"
-    for source in open_all(paths):
-        source.vehicles()  # raises for what is no recording
+    for source, _ in readable(open_all(paths), say):
         for record in source.records():
             if not record.key.endswith(ending):
                 continue

@@ -22,10 +22,9 @@ import zenoh
 
 import zmav
 from ground.record.cli import RECORDINGS, check_mcap
-from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
+from ground.record.sources import Record, Source, Tlogs, open_all, readable, vehicle_of
 from zmav import keys, wire
-from zmav.cli.common import dialect_option, fleet_option, run, zenoh_options
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, dialect_option, fleet_option, run, zenoh_options
 from zmav.client import Client
 from zmav.errors import BadConfig, BadInput, Clash
 from zmav.links.base import Link, LinkFinished
@@ -244,7 +243,7 @@ async def stage(z: Client, sources: Sequence[Source], name: str | None, base: On
     played there already, :class:`BadInput` and :class:`BadConfig` where there is nothing to be played.
     """
     # asked once: a file that is still written to names more vehicles later
-    recorded = await asyncio.to_thread(lambda: [(source, source.vehicles()) for source in sources])
+    recorded = await asyncio.to_thread(readable, sources, say)
     names = _names(recorded, name)
     await z.settle(timeout=SETTLE_S)
     if taken := sorted(each for each in names.values() if z.present(each, base.fleet)):

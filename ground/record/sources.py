@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -148,6 +148,24 @@ def open_all(paths: Sequence[Path]) -> list[Source]:
         else:
             tlogs.setdefault(_vehicle(file, several), []).append(file)
     return [*sources, *(Tlogs(vehicle, parts) for vehicle, parts in tlogs.items())]
+
+
+def readable(sources: Sequence[Source], say: Callable[[str], None]) -> list[tuple[Source, list[str]]]:
+    """Those that are recordings, and whose they are; ``say`` is told which are left out, and why.
+
+    Raises :class:`BadInput` where that leaves nothing.
+    """
+    found, faults = list[tuple[Source, list[str]]](), list[BadInput]()
+    for source in sources:
+        try:
+            found.append((source, source.vehicles()))
+        except BadInput as e:
+            faults.append(e)
+    if faults and not found:
+        raise faults[0]
+    for fault in faults:
+        say(f"left out: {fault}")
+    return found
 
 
 def _files(path: Path) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import parse_qsl, unquote, urlsplit
@@ -21,6 +22,9 @@ EXPECTED = (
 )
 BAUD = 115200
 LARGEST_FILE = 100_000_000
+SIGNS = "in a name or a password / is written %2F, ? %3F, # %23 and @ %40"
+_SCHEME = re.compile(r"[a-z]+(?::/{0,2}|//)", re.I)
+"""with what stands for its :// where that is miswritten"""
 
 
 class Caster(msgspec.Struct, frozen=True, kw_only=True):
@@ -91,15 +95,20 @@ def parse_source(text: str, environment: Mapping[str, str] = os.environ) -> Wher
         return Recording(path)
     try:
         target = parse_url(text)
-    except BadUrl as e:
-        raise BadUrl(f"no source of corrections {text!r}", field="source", value=text, expected=EXPECTED) from e
+    except BadUrl:  # whose words hold a password that stands there
+        raise _no_source(text) from None
     if isinstance(target, SerialUrl):
         if target.baud is None:
             target = msgspec.structs.replace(target, baud=BAUD)  # a link that listens looks for MAVLink
         return Receiver(str(target))
     if not str(target).startswith(("tcp:", "udpin:")):
-        raise BadUrl(f"no source of corrections {text!r}", field="source", value=text, expected=EXPECTED)
+        raise _no_source(text)
     return Receiver(str(target))
+
+
+def _no_source(text: str) -> BadUrl:
+    shown = _hidden(text)
+    return BadUrl(f"no source of corrections {shown!r}", field="source", value=shown, expected=EXPECTED)
 
 
 def _caster(text: str, environment: Mapping[str, str]) -> Caster:
@@ -108,11 +117,12 @@ def _caster(text: str, environment: Mapping[str, str]) -> Caster:
         options = dict(parse_qsl(parts.query, strict_parsing=bool(parts.query)))
         host, port = parts.hostname or "", parts.port
     except ValueError:  # whose words may hold a part of the password
-        why = "its port or its options cannot be read (a / in a user's name or password is written %2F, a ? %3F)"
+        why = f"its port or its options cannot be read ({SIGNS})"
         raise BadUrl(f"{_hidden(text)}: {why}", field="source", value=_hidden(text), expected=EXPECTED) from None
     version, ca = options.pop("version", "2"), options.pop("ca", None)
-    if options or not host or version not in ("1", "2", "1.0", "2.0"):
-        wrong = ", ".join(options) or (f"version {version}" if host else "no host")
+    misplaced = parts.fragment or "@" in parts.path + parts.query  # words about it would show a part of the password
+    if not host or misplaced or options or version not in ("1", "2", "1.0", "2.0"):
+        wrong = "no host after //" if not host else SIGNS if misplaced else ", ".join(options) or f"version {version}"
         expected = f"{EXPECTED}; options are version=1 and ca=FILE"
         raise BadUrl(f"{_hidden(text)}: {wrong}", field="source", value=_hidden(text), expected=expected)
     mountpoint = unquote(parts.path.lstrip("/"))
@@ -136,7 +146,8 @@ def _caster(text: str, environment: Mapping[str, str]) -> Caster:
 def _hidden(text: str) -> str:
     """The URL without its password, for words that people read."""
     _, at, rest = text.rpartition("@")
-    return f"{text.partition(':')[0]}://…@{rest}" if at else text
+    scheme = _SCHEME.match(text)
+    return f"{scheme[0] if scheme else ''}…@{rest}" if at else text
 
 
 def parse_survey(text: str) -> Survey:

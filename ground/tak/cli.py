@@ -9,8 +9,7 @@ import msgspec
 
 from ground.host import host_name
 from zmav import keys
-from zmav.cli.common import Work, connected, json_option
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, json_option
 from zmav.client import Client
 from zmav.errors import BadUrl, missing_extra
 from zmav.process import log

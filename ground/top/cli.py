@@ -23,8 +23,7 @@ from ground.top.report import Report
 from ground.top.screen import Line, Ui, draw, table
 from ground.top.terminal import Terminal
 from ground.top.watch import Watch
-from zmav.cli.common import Work, connected, console
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, console
 from zmav.client import Client
 from zmav.doctor.words import clean
 from zmav.waiting import within

@@ -9,8 +9,7 @@ import click
 import msgspec
 
 from ground.host import host_name
-from zmav.cli.common import Work, connected, console, dump, json_option, seconds_option
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, console, dump, json_option, seconds_option
 from zmav.client import Client
 from zmav.errors import BadInput, missing_extra
 from zmav.process import log

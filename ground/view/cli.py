@@ -12,8 +12,7 @@ from ground.view import viewer
 from ground.view.screen import LOST, PainterSettings, Screen, Sink
 from ground.view.table import Table
 from ground.view.watch import Watch
-from zmav.cli.common import Work, connected
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected
 from zmav.client import Client
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import say, until_stopped

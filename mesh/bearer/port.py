@@ -90,7 +90,7 @@ class RadioPort:
                 log.warning(text, self.name, self.address[1])
             log.debug("%s: %s", self.name, e)
             return False
-        self.socket, self.largest = made, self._mtu(made) - self._overhead
+        self.socket, self.largest, self._said = made, self._mtu(made) - self._overhead, False
         return True
 
     def _mtu(self, made: socket.socket) -> int:

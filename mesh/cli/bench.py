@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import statistics
 from typing import Any
 
@@ -14,8 +13,7 @@ from mesh.bench.asker import Bench
 from mesh.bench.flow import Flow, Stream
 from mesh.units import duration, rate, size
 from zmav import keys
-from zmav.cli.common import Work, connected, dump, json_option
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, dump, json_option
 from zmav.client import Client
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadInput
@@ -163,9 +161,6 @@ def wanted(options: BenchOptions, otherwise: Stream) -> Stream:
     """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
     if options.rate and options.hz:
         raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
-    for name in ("hz", "seconds"):
-        if (value := getattr(options, name)) is not None and not math.isfinite(value):
-            raise BadInput(f"--{name} {value}: expected a number", field=name, value=value, expected="a number")
     size, hz = options.size or otherwise.size, options.hz or otherwise.hz
     if options.rate:
         hz = bits_per_second(options.rate) / 8.0 / size

@@ -13,7 +13,7 @@ import msgspec
 
 import zmav
 from mesh.credentials import files
-from mesh.credentials.ca import DAYS, Authority
+from mesh.credentials.ca import DAYS, Authority, together
 from mesh.credentials.certify import day
 from mesh.credentials.ledger import LEDGER, read_ledger
 from zmav.cli.common import dump, json_option, run, show_table, tell, zenoh_options
@@ -79,8 +79,8 @@ def issue(name: str, role: str, days: int, out: str | None, again: bool, folder:
     """
     authority = _open(folder)
     made = authority.issue(name, Role(role), days, out, again=again)
-    authority.refresh()
     click.echo(f"{made}: carry it to {name}, and start it there with --credentials")
+    authority.refresh()
 
 
 @command.command("renew")
@@ -101,11 +101,14 @@ def renew(name: str | None, every: bool, days: int, out: str | None, folder: str
             click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
         except BadConfig as e:  # the others' certificates end, too
             faults.append(e)
-    authority.refresh()
     if not names:
         click.echo("none ends within 30 days")
+    try:
+        authority.refresh()
+    except BadConfig as e:
+        faults.append(e)
     if faults:
-        raise BadConfig("; ".join(map(str, faults)), **faults[0].detail)
+        raise together(faults)
 
 
 @command.command("revoke")
@@ -115,10 +118,10 @@ def revoke(name: str, folder: str) -> None:
     """Turn a member out; tell the fleet with 'zmav mesh ca roster --publish'."""
     authority = _open(folder)
     gone = authority.revoke(name)
-    authority.refresh()
     for entry in gone:
         click.echo(f"revoked {name} ({entry.role.value}, until {day(entry.not_after)}): {entry.fingerprint}")
     click.echo("tell the running fleet: zmav mesh ca roster --publish")
+    authority.refresh()
 
 
 @command.command("list")

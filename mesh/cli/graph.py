@@ -12,8 +12,7 @@ from rich.text import Text
 
 from mesh.graph import Graph, gather
 from mesh.units import duration, milliseconds, percent
-from zmav.cli.common import Work, connected, console, dump, json_option, table
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, console, dump, json_option, table
 from zmav.client import Client
 from zmav.doctor.ways import Link, Way
 

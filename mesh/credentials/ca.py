@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -144,14 +144,20 @@ class Authority:
 
     def refresh(self, *folders: Path) -> None:
         """Put the newest roster into members' folders, by default those under ``members``: who starts with an older one
-        hears of it from others, and starts again.
+        hears of it from others, and starts again. Raises :class:`BadConfig` at the end for what cannot be written.
         """
+        faults: list[BadConfig] = []
         with files.locked(self.folder):
             signed = msgspec.json.encode(self.roster())
             for folder in folders or sorted(
                 p.parent for p in (self.folder / MEMBERS).glob(f"[!.]*/{credentials.CERT}")
             ):
-                files.write(folder / credentials.ROSTER, signed)
+                try:
+                    files.write(folder / credentials.ROSTER, signed)
+                except BadConfig as e:
+                    faults.append(e)
+        if faults:
+            raise together(faults)
 
     def _folder_of(self, name: str, out: str | Path | None) -> Path:
         return Path(out) if out is not None else self.folder / MEMBERS / name
@@ -191,6 +197,11 @@ class Authority:
     def _signed(self, roster: Roster) -> SignedRoster:
         text = wire.encode(roster)
         return SignedRoster(roster=text.decode(), signature=base64.b64encode(self._key.sign(text)).decode())
+
+
+def together(faults: Sequence[BadConfig]) -> BadConfig:
+    """All of them, as one."""
+    return BadConfig("; ".join(map(str, faults)), **faults[0].detail)
 
 
 def _check_same(folder: Path, name: str) -> None:

@@ -258,6 +258,18 @@ def test_wrong_usage_ends_with_2(start: StartProcess, arguments: list[str]) -> N
         ["ls", "--wait", "-1"],
         ["terrain", "load", "quad1", "--from", "srtm", "--radius", "nan"],
         ["replay", "--start", "inf"],
+        ["goto", "quad1", "--at", "1", "2", "--alt", "nan"],
+        ["goto", "quad1", "--to", "1,2,3", "--speed", "inf"],
+        ["fly", "quad1", "--yaw", "nan"],
+        ["fly", "quad1", "--rates", "0", "inf", "0", "--thrust", "0"],
+        ["echo", "quad1/ATTITUDE", "--rate", "inf"],
+        ["agent", "param", "set", "follower", "gain", "nan", "--vehicle", "quad1"],
+        ["agent", "inject", "mine", "step", "--channel", "z", "--amplitude", "inf", "--vehicle", "quad1"],
+        ["swarm", "takeoff", "quad1", "--alt", "nan"],
+        ["swarm", "obstacle", "add", "tower", "--cylinder", "40,10", "--ttl", "inf"],
+        ["sim", "step", "inf"],
+        ["sim", "--spacing", "nan"],
+        ["sim", "fault", "quad1", "gps-glitch", "--for", "inf"],
         ["ls", "--mode", "captain"],
         ["goto", "quad1"],
         ["goto", "quad1", "--to", "1,2,3", "--at", "1", "2"],
@@ -272,6 +284,11 @@ def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
     told = here().misused(*arguments)
     assert told.err.startswith("Usage: ")
     assert "Error: " in told.err
+
+
+@pytest.mark.parametrize("digits", ["9" * 400, "1." + "9" * 400])
+def test_an_amount_that_no_disk_has_is_wrong_usage(here: type[Here], digits: str) -> None:
+    assert "is not a number with its unit, as in 1GB" in here().misused("record", "--keep-free", f"{digits}GB").err
 
 
 @pytest.mark.parametrize("value", [400 * "1", 5000 * "1", 100_000 * "["], ids=["large", "huge", "deep"])

@@ -26,6 +26,7 @@ from zmav.agent import Agent
 from zmav.bus import Alive
 from zmav.cli import installed
 from zmav.cli.common import (
+    Finite,
     Verbs,
     Work,
     assignments,
@@ -314,7 +315,7 @@ def param_list(agent: str, vehicle: str) -> Work:
 @param.command("set")
 @click.argument("agent")
 @click.argument("name")
-@click.argument("value", type=float)
+@click.argument("value", type=Finite())
 @vehicle_option
 @connected
 def param_set(agent: str, name: str, value: float, vehicle: str) -> Work:

@@ -6,6 +6,7 @@ import functools
 import importlib
 import itertools
 import json
+import math
 import os
 import re
 import sys
@@ -15,8 +16,8 @@ from types import CodeType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.types import FloatParamType
 
-from zmav.cli.numbers import Between
 from zmav.errors import BadInput
 from zmav.trust import VARIABLE
 
@@ -93,6 +94,18 @@ class Verbs(click.Group):
             if isinstance(inner, CodeType) and inner.co_name == function and isinstance(inner.co_consts[0], str):
                 return inner.co_consts[0]
         return None
+
+
+class Finite(FloatParamType):
+    """Numbers, of which NaN and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        found = super().convert(value, param, ctx)
+        return found if math.isfinite(found) else self.fail(f"{value!r} is no finite number", param, ctx)
+
+
+class Between(Finite, click.FloatRange):
+    """Such numbers in a range, which NaN would pass: it is neither above nor below any."""
 
 
 def zenoh_options(command: F) -> F:

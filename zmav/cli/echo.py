@@ -11,7 +11,7 @@ import click
 import zenoh
 
 from zmav import keys
-from zmav.cli.common import Work, connected, dialect_option, dump, json_option, tell
+from zmav.cli.common import Finite, Work, connected, dialect_option, dump, json_option, tell
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle, ZmavError
 from zmav.mavlink import Dialect
@@ -29,7 +29,9 @@ SILENT_S = 3.0
 @click.command("echo")
 @click.argument("key")
 @click.option("-n", "--count", type=click.IntRange(1), help="End after that many.")
-@click.option("--rate", "hz", type=float, help="Have the autopilot send the message so many times a second meanwhile.")
+@click.option(
+    "--rate", "hz", type=Finite(), help="Have the autopilot send the message so many times a second meanwhile."
+)
 @dialect_option
 @json_option
 @connected

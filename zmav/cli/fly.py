@@ -12,8 +12,7 @@ import click
 
 from zmav import wire
 from zmav.cli import places
-from zmav.cli.common import F, Work, connected, json_option, tell
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, F, Finite, Work, connected, json_option, tell
 from zmav.cli.vehicles import one
 from zmav.client import Client
 from zmav.errors import BadInput, Refused
@@ -31,7 +30,7 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         nargs = len(metavar.split())
-        return click.option(f"--{name}", type=float, nargs=nargs, metavar=metavar, help=text)(function)
+        return click.option(f"--{name}", type=Finite(), nargs=nargs, metavar=metavar, help=text)(function)
 
     return decorate
 
@@ -40,14 +39,14 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 @click.argument("vehicle")
 @click.option("--to", type=places.place, metavar=places.PLACE, help="Metres about the fleet's origin, and above it.")
 @_vector("at", "LAT LON", "Degrees, WGS84; with --alt.")
-@click.option("--alt", type=float, help="With --at: metres above home.")
+@click.option("--alt", type=Finite(), help="With --at: metres above home.")
 @click.option("--vel", type=places.motion, metavar=places.MOTION, help="m/s.")
 @click.option("--acc", type=places.motion, metavar=places.MOTION, help="m/s².")
-@click.option("--yaw", type=float, help="Radians clockwise from north, beside a position or a velocity.")
-@click.option("--yaw-rate", type=float, help="rad/s.")
+@click.option("--yaw", type=Finite(), help="Radians clockwise from north, beside a position or a velocity.")
+@click.option("--yaw-rate", type=Finite(), help="rad/s.")
 @_vector("rpy", "ROLL PITCH YAW", "Attitude in radians; with --thrust.")
 @_vector("rates", "P Q R", "Body rates in rad/s; with --thrust.")
-@click.option("--thrust", type=float, help="0 to 1.")
+@click.option("--thrust", type=Finite(), help="0 to 1.")
 @_vector("torque", "X Y Z", "-1 to 1 about the body's axes; with --thrust.")
 @_vector("sticks", "PITCH ROLL THRUST YAW", "-1 to 1, thrust 0 to 1: MANUAL_CONTROL.")
 @click.option("--rc", metavar="PWM,PWM,..", help="µs from channel 1 up; an empty one is left to the pilot's radio.")
@@ -122,10 +121,7 @@ def _point(fields: dict[str, Any]) -> wire.Setpoint:
     """The setpoint with these fields, not yet under any lease; raises :class:`BadInput` naming the fault, also for no
     level of authority, and for two at a time.
     """
-    try:
-        text = json.dumps({"lease": "", "seq": 0, "deadline": 0.0, **fields}, allow_nan=False)
-    except ValueError:
-        raise BadInput("a number is not finite", field="setpoint", value=str(fields), expected="finite") from None
+    text = json.dumps({"lease": "", "seq": 0, "deadline": 0.0, **fields})
     point = wire.decode(text.encode(), wire.Setpoint, "setpoint")
     group_of(point)
     return point

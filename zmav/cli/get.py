@@ -7,8 +7,7 @@ import json
 import click
 
 from zmav import keys
-from zmav.cli.common import Work, connected, dump, json_option, tell
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, dump, json_option, tell
 from zmav.client import Answer, Client
 from zmav.errors import NoSuchVehicle, ZmavError
 

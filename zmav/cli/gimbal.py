@@ -8,9 +8,8 @@ from typing import Any
 import click
 
 from zmav.cli import places
-from zmav.cli.common import Work, connected, json_option
+from zmav.cli.common import Between, Finite, Work, connected, json_option
 from zmav.cli.do import order
-from zmav.cli.numbers import Between
 from zmav.wire import Vector
 
 Degrees = Between(-360.0, 360.0)
@@ -19,8 +18,8 @@ Degrees = Between(-360.0, 360.0)
 @click.command("gimbal")
 @click.argument("vehicles")
 @click.option("--to", type=places.place, metavar=places.PLACE, help="A place: metres about the fleet's origin.")
-@click.option("--at", type=float, nargs=2, metavar="LAT LON", help="A place: degrees, WGS84.")
-@click.option("--alt", type=float, help="With --at: metres above home.  [default: 0]")
+@click.option("--at", type=Finite(), nargs=2, metavar="LAT LON", help="A place: degrees, WGS84.")
+@click.option("--alt", type=Finite(), help="With --at: metres above home.  [default: 0]")
 @click.option("--vehicle", help="Another vehicle, wherever it goes.")
 @click.option("--pitch", type=Degrees, help="Degrees up from the horizon.")
 @click.option("--yaw", type=Degrees, help="With --pitch: degrees to the right of the nose.  [default: 0]")
@@ -49,8 +48,6 @@ def command(
     Without an option: where it looks, and who controls it. A place or a vehicle is looked at until the next order. It
     is the autopilot's gimbal manager that is told, and never the vehicle that is moved.
     """
-    if not all(math.isfinite(each) for each in (pitch or 0.0, yaw or 0.0, alt or 0.0, *(at or ()))):
-        raise click.UsageError("angles and places are finite numbers")  # JSON would have none in their place
     given = [to is not None, at is not None, vehicle is not None, pitch is not None, neutral, release]
     if sum(given) > 1:
         raise click.UsageError("give one of --to, --at, --vehicle, --pitch, --neutral and --release")

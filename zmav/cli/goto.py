@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from zmav.cli import places
-from zmav.cli.common import Work, connected, force_option, json_option
+from zmav.cli.common import Finite, Work, connected, force_option, json_option
 from zmav.cli.do import order
 from zmav.wire import Vector
 
@@ -15,14 +15,14 @@ from zmav.wire import Vector
 @click.command("goto")
 @click.argument("vehicles")
 @click.option("--to", type=places.place, metavar=places.PLACE, help="Metres about the fleet's origin, and above it.")
-@click.option("--at", type=float, nargs=2, metavar="LAT LON", help="Degrees, WGS84.")
-@click.option("--alt", type=float, help="With --at: metres above home.")
-@click.option("--amsl", type=float, help="With --at: metres above mean sea level.")
-@click.option("--tolerance", type=float, default=1.0, show_default=True, help="Metres: this close is there.")
-@click.option("--speed", type=float, help="m/s over the ground.  [default: the autopilot's own]")
+@click.option("--at", type=Finite(), nargs=2, metavar="LAT LON", help="Degrees, WGS84.")
+@click.option("--alt", type=Finite(), help="With --at: metres above home.")
+@click.option("--amsl", type=Finite(), help="With --at: metres above mean sea level.")
+@click.option("--tolerance", type=Finite(), default=1.0, show_default=True, help="Metres: this close is there.")
+@click.option("--speed", type=Finite(), help="m/s over the ground.  [default: the autopilot's own]")
 @click.option(
     "--radius",
-    type=float,
+    type=Finite(),
     help="Metres of a plane's circle there; negative: counter-clockwise.  [default: the autopilot's own]",
 )
 @click.option("--no-wait", is_flag=True, help="Do not wait for the arrival.")

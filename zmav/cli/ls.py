@@ -8,8 +8,7 @@ from rich.console import Group
 from rich.text import Text
 
 import zmav
-from zmav.cli.common import Work, connected, console, dump, json_option, table
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, console, dump, json_option, table
 from zmav.doctor.facts import facts_of
 from zmav.doctor.rules import reasons
 

@@ -8,8 +8,7 @@ import click
 import msgspec
 
 from zmav import geo, wire
-from zmav.cli.common import Work, connected, dump, json_option
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Work, connected, dump, json_option
 from zmav.cli.places import numbers
 from zmav.cli.vehicles import Line, on_all
 from zmav.errors import BadInput, TimedOut

@@ -47,7 +47,7 @@ COST: Mapping[RadioKind, int] = {"ethernet": 10, "wifi": 20, "lte": 100, "serial
 
 _RATE = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*([kMG]?)(bit/s|bps|b/s|B/s|)\s*\Z")
 _FACTOR = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-LEAST = 5000.0
+LEAST_BUDGET = 5000.0
 """bytes/s below which no router's link opens in time (measured: 1.3 s at 5 kB/s)"""
 
 
@@ -61,14 +61,16 @@ def bits_per_second(text: str, field: str = "rate") -> float:
     return value
 
 
-def parse_budget(text: str, field: str = "budget", least: float = LEAST) -> float:
+def parse_budget(
+    text: str, field: str = "budget", least: float = LEAST_BUDGET, like: str = "'60 kB/s' or '1 Mbit/s'"
+) -> float:
     """Bytes a second of ``60 kB/s`` or ``1 Mbit/s``; raises :class:`BadConfig` for anything else."""
     try:
         rate = bits_per_second(text, field) / 8.0 if text.rstrip().endswith("/s") else 0.0
     except BadInput:
         rate = 0.0
     if rate < least:
-        expected = f"like '60 kB/s' or '1 Mbit/s', {least:g} B/s at least"
+        expected = f"like {like}, {least:g} B/s at least"
         raise BadConfig.wrong(field, text, expected, f"{field} is {text!r}")
     return rate
 

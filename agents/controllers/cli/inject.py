@@ -16,8 +16,7 @@ import zmav
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
 from agents.controllers.response import ResponseReport, examine, picture
 from zmav import keys, wire
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Finite, dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut
 from zmav.session import SessionSettings
 from zmav.waiting import within
@@ -40,8 +39,8 @@ SECONDS = {"step": 5.0, "doublet": 1.0}
 @click.argument("agent")
 @click.argument("kind", type=click.Choice(KINDS))
 @click.option("--channel", required=True, type=click.Choice(list(CHANNELS)), help="What is added to; z is down.")
-@click.option("--amplitude", required=True, type=float, help="In m, m/s, rad or rad/s.")
-@click.option("--seconds", type=float, help="It lasts; of a doublet, each half.  [default: 5, of a doublet 1]")
+@click.option("--amplitude", required=True, type=Finite(), help="In m, m/s, rad or rad/s.")
+@click.option("--seconds", type=Finite(), help="It lasts; of a doublet, each half.  [default: 5, of a doublet 1]")
 @click.option("--after", type=Between(0.0, 60.0), default=2.0, show_default=True, help="Seconds recorded after it.")
 @click.option("--vehicle", required=True, help="The vehicle that the agent flies.")
 @click.option(

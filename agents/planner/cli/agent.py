@@ -10,8 +10,7 @@ import click
 
 import zmav
 from mesh.cli.options import file_option, own_name
-from zmav.cli.common import run, zenoh_options
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, run, zenoh_options
 from zmav.config import load_fleet
 from zmav.errors import missing_extra
 from zmav.formats.tiles import open_source

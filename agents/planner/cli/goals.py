@@ -14,8 +14,7 @@ import zmav
 from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
-from zmav.cli.common import Work, connected, json_option, tell
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, Finite, Work, connected, json_option, tell
 from zmav.wire import Vector, swarm
 
 GROUND, POLYGON = "N,E", "'N,E N,E ...'"
@@ -121,7 +120,7 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, ti
 several = functools.partial(click.option, multiple=True, callback=lambda context, option, values: list(values))
 degrees = functools.partial(
     click.option,
-    type=float,
+    type=Finite(),
     callback=lambda context, option, value: None if value is None else math.radians(value),
 )
 
@@ -172,7 +171,7 @@ formation = goal_command(
         help="The shape's centre, or its leader's place.",
     ),
     degrees("--heading", default=0.0, show_default=True, help="Degrees clockwise from north it looks to."),
-    click.option("--spacing", type=float, default=5.0, show_default=True, help="Metres between neighbours."),
+    click.option("--spacing", type=Finite(), default=5.0, show_default=True, help="Metres between neighbours."),
     several("--via", type=places.place, metavar=places.PLACE, help="A place the centre passes, in shape."),
     several(
         "--point",
@@ -198,7 +197,7 @@ follow = goal_command(
     ),
     click.option("--on-lost", type=click.Choice(["hold", "return", "land"]), default="hold", show_default=True),
     click.option(
-        "--lost-after", type=float, default=3.0, show_default=True, help="Seconds without a word of the leader."
+        "--lost-after", type=Finite(), default=3.0, show_default=True, help="Seconds without a word of the leader."
     ),
 )
 search = goal_command(
@@ -212,7 +211,7 @@ search = goal_command(
         required=True,
         help="What is to be seen: '0,0 100,0 100,80'.",
     ),
-    click.option("--alt", type=float, help="Metres above the origin."),
+    click.option("--alt", type=Finite(), help="Metres above the origin."),
     above_ground_option,
     degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
     click.option("--overlap", type=Between(0.0, 0.9), default=0.1, show_default=True),
@@ -221,7 +220,7 @@ takeoff = goal_command(
     "takeoff",
     swarm.TakeOff,
     "Take off, in an order in which nobody meets: 'quad* --alt 12'.",
-    click.option("--alt", type=float, default=10.0, show_default=True, help="Metres above each one's home."),
+    click.option("--alt", type=Finite(), default=10.0, show_default=True, help="Metres above each one's home."),
 )
 land = goal_command(
     "land",

@@ -14,7 +14,7 @@ from agents.planner.cli.watching import few, show_goals
 from agents.planner.live.ledger import ENDED
 from zmav import keys, wire
 from zmav.cli import places
-from zmav.cli.common import Work, connected, dump, json_option, show_table, tell
+from zmav.cli.common import Finite, Work, connected, dump, json_option, show_table, tell
 from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
@@ -96,11 +96,11 @@ def obstacle() -> None:
     metavar=places.PLACE,
     help="Something round; with --radius, and --velocity where it moves.",
 )
-@click.option("--radius", type=float, default=2.0, show_default=True)
-@click.option("--floor", type=float, default=-100.0, show_default=True, help="Metres above the origin.")
-@click.option("--ceiling", type=float, default=1000.0, show_default=True)
+@click.option("--radius", type=Finite(), default=2.0, show_default=True)
+@click.option("--floor", type=Finite(), default=-100.0, show_default=True, help="Metres above the origin.")
+@click.option("--ceiling", type=Finite(), default=1000.0, show_default=True)
 @click.option("--velocity", type=places.motion, metavar=places.MOTION, help="m/s.")
-@click.option("--ttl", type=float, help="Seconds after which it is forgotten.")
+@click.option("--ttl", type=Finite(), help="Seconds after which it is forgotten.")
 @json_option
 @connected
 def add(

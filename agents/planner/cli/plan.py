@@ -25,8 +25,7 @@ from agents.planner.model.plans import Plan, encode, read_plan, write_plan
 from agents.planner.model.scene import Scene, read_scene
 from agents.planner.model.validate import validate
 from agents.planner.solve.bound import least_makespan
-from zmav.cli.common import dump
-from zmav.cli.numbers import Between
+from zmav.cli.common import Between, dump
 from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 
 if TYPE_CHECKING:

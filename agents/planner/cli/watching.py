@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any
 
 import click
@@ -17,8 +19,8 @@ from zmav.wire import swarm
 SILENCE = 3.0
 GIVE_UP = 60.0
 """s without a book after which nobody is waited for any more: a standby has taken over long before"""
-MISSED = 10
-"""books without the goal, one a second or more, after which nobody knows it: the first few may be older than it"""
+MISSED = 5.0
+"""s of books without the goal, after which nobody knows it: the first few may be older than it"""
 
 
 async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEntry:
@@ -26,7 +28,7 @@ async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEnt
 
     Raises :class:`TimedOut` when no planner is heard any more, or the one in charge does not have the goal.
     """
-    before, silent, missed = ("", ""), 0.0, 0
+    before, silent, missed = ("", ""), 0.0, math.inf
     async for book in books(z, SILENCE):
         if book is None:
             silent += SILENCE
@@ -34,15 +36,15 @@ async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEnt
                 raise TimedOut(f"no planner was heard for {silent:.0f} s; nobody flies the goal on")
             click.echo(f"no planner heard for {silent:.0f} s", err=True)
             continue
-        silent, missed = 0.0, missed + 1
+        silent, missed = 0.0, min(missed, time.monotonic())
         for entry in (entry for entry in book.goals if entry.id == name):
-            missed = 0
+            missed = math.inf
             if (entry.state, entry.text) != before:
                 tell(as_json, msgspec.to_builtins(entry), line(entry))
             before = (entry.state, entry.text)
             if entry.state in ENDED:
                 return entry
-        if missed >= MISSED:
+        if time.monotonic() - missed >= MISSED:
             text = f"{name} is not in the book of {book.planner}, which is in charge: look at 'zmav swarm list --all'"
             raise TimedOut(f"{text}, and give the goal again if it was not flown", goal=name)
     raise AssertionError("books never end")

@@ -111,7 +111,7 @@ export class Drawing {
 
   /** Where the planner keeps clear of one, its own name of it stands there. What is dragged is not drawn anew for that. */
   draw() {
-    for (const [label, name] of this.names) this.store.obstacles.has(name) ? this.layer.removeLayer(label) : this.layer.addLayer(label);
+    for (const [label, name] of this.names) this.store.origin && this.store.obstacles.has(name) ? this.layer.removeLayer(label) : this.layer.addLayer(label);
   }
 
   drawShapes() {

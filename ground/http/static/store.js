@@ -43,7 +43,7 @@ export class Store {
     this.links = [];
     /** @type {Place | null} the fleet's origin; null: none is known */
     this.origin = null;
-    this.originOf = ""; // id of the vehicle that it is known by: it says another where it was started again with one
+    this.originOf = ""; // id of the vehicle that it is known by: where there is a new one it says so, or another once it is silent
     /** True where nobody knows a place on earth: then places are metres about nowhere. */
     this.nowhere = true;
     /** @type {"connecting" | "live" | "lost"} */
@@ -97,12 +97,11 @@ export class Store {
         this.origin = null;
         for (const vehicle of this.vehicles.values()) vehicle.trail = [];
       }
-      if (local && (!this.origin || this.originOf === id)) {
+      if (local && (!this.origin || this.originOf === id || (this.vehicles.get(this.originOf)?.stale ?? true))) {
         const m = metresPerRadian(toGlobal(place, -local[0], -local[1]).lat); // at the origin's latitude, as in zmav/geo.py
         const origin = { lat: place.lat - local[0] / m.north / RADIAN, lon: place.lon - local[1] / m.east / RADIAN };
-        // Place and local are not of one moment: what is off by a second's way is the same origin.
         const off = this.origin ? Math.hypot(...toNed(this.origin, origin)) : Infinity;
-        if (!(off <= 5 + Math.hypot(...(Array.isArray(state.velocity) ? state.velocity : [])))) [this.origin, this.originOf] = [origin, id];
+        if (!(off <= 1)) [this.origin, this.originOf] = [origin, id];
       }
       return place;
     }

@@ -337,10 +337,12 @@ async def test_a_vehicle_whose_system_id_is_none_spoils_nobody_elses_words(scene
     odd.sysid = 300
     odd.publish_state()
     await until(lambda: 3 not in bridge.routes.systems, "its new state")
+    await scene.heard("odd: 300 is no system id (1 to 255): no station is told of it")
     odd.event("refused", "warning", "odd words")
     one.event("refused", "warning", "good words")
     await station.until(lambda: "good words" in station.texts(), "the words of the other")
     assert set(bridge.routes.systems) == {1}
+    assert sum("no system id" in line for line in scene.said) == 1
 
 
 async def test_garbage_is_counted_and_harmless(scene: Scene) -> None:

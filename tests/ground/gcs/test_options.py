@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from ground.gcs.options import Options, parse_endpoint
+from ground.gcs.options import Options, parse_endpoint, read_rate
 from zmav.errors import BadConfig
 
 
@@ -28,6 +28,13 @@ def test_options_go_before_the_defaults() -> None:
         read_only=True,
     )
     assert options.sees("quad7") and not options.sees("rover2")
+
+
+def test_a_rate_is_read_as_a_budget_is_with_a_least_of_its_own() -> None:
+    rates = {"100 B/s": 100.0, "4kB/s": 4000.0, "57600 bit/s": 7200.0, " 0.5 MB/s ": 5e5}
+    assert {text: read_rate(text) for text in rates} == rates
+    with pytest.raises(BadConfig, match="100 B/s at least"):
+        read_rate("99 B/s")
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,11 @@ def test_bad_questions_name_what_is_wrong(served: Served, path: str, field: str)
     assert reply.json["error"]["field"] == field
 
 
+def test_a_time_that_is_none_is_told_with_its_unit(served: Served) -> None:
+    reply = served.request("GET", "/keys/quad1?timeout=soon")
+    assert "expected a number above 0, at most 60 s" in reply.json["error"]["text"]
+
+
 def test_keys_are_read_alone(served: Served) -> None:
     for method in ("PUT", "POST"):
         assert served.request(method, "/keys/quad1/mav/tx/1/1/SET_MODE", "{}").status == 405

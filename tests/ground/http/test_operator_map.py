@@ -245,6 +245,28 @@ async def test_places_are_about_the_origin_that_the_fleet_was_started_again_with
     assert await tab.run(f"Math.hypot(...{about}) < 1"), "one vehicle that has another origin moves nobody's"
     fleet.more[of] = at(0, east[of], local=(700.0, float(east[of]), -10.0))
     await tab.until(f"Math.abs(({about})[0] - 700) < 1")
+    fleet.more[of] = at(0, east[of], local=(703.0, float(east[of]), -10.0))
+    await tab.until(f"Math.abs(({about})[0] - 703) < 1")
+    fleet.silent.add(of)
+    fleet.more[other] = at(0, east[other], local=(1400.0, float(east[other]), -10.0))
+    await tab.until(f"Math.abs(({about})[0] - 1400) < 1")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_an_area_has_its_name_where_the_planners_cannot_be_drawn(tab: Tab, served: Served, fleet: Fleet) -> None:
+    await opened(tab, served)
+    await tab.until("store.all.every((each) => !each.state.local)")
+    await tab.run("store.origin = null")  # what the gateway kept of a vehicle may have told one
+    corners = "[[5, 5], [5, 30], [-15, 30]].map(([n, e]) => toGlobal(store.named('quad1').place, n, e))"
+    name = await tab.run(f"drawing.shapes.add('no_fly', {corners}).name")
+    area = swarm.NoFly(polygon=[(0.0, 0.0), (0.0, 9.0), (9.0, 0.0)], floor=0.0, ceiling=9.0)
+    kept = swarm.Obstacle(name=name, t=time.time(), what=area)
+    served.session.put(keys.OBSTACLE.key("demo", name=name), wire.encode(kept))
+    await tab.until(f"store.obstacles.has('{name}')")
+    await tab.run("drawing.refresh()")
+    named = "[...document.querySelectorAll('.named')].filter((each) => each.textContent === '%s').length"
+    assert await tab.run(named % name) == 1
     assert not tab.said
 
 

@@ -113,6 +113,23 @@ async def test_a_camera_that_is_lost_and_comes_back_goes_on(served: Served) -> N
             await asyncio.to_thread(video.close)
 
 
+async def test_who_comes_after_the_reading_has_ended_gets_a_new_reader(served: Served, video: RunningVideo) -> None:
+    """As where it failed, while those who watched still wait."""
+    being_read, place = served.face(PATH_OF).being_read, ("quad1", "down")
+    async with browsers(2) as (first, second):
+        await first.watch(served)
+        await first.see(1)
+        shared = being_read[place]
+        served.loop.call_soon_threadsafe(shared.close)
+        await asyncio.to_thread(served.until, lambda: shared.ended, "end of reading")
+        await second.watch(served)
+        await second.see(3)
+        await first.peer.close()
+        await asyncio.to_thread(served.until, lambda: not shared.watching, "end of the first")
+        assert being_read[place] is not shared, "who leaves takes nobody else's"
+        await second.see(3)
+
+
 async def test_nothing_is_taken_of_a_browser(served: Served, video: RunningVideo) -> None:
     async with browsers(1) as (one,):
         one.peer.getTransceivers()[0].direction = "sendrecv"

@@ -89,7 +89,8 @@ def test_the_address_itself_can_subscribe(served: Served) -> None:
     assert [client.get()["subscribed"].split("/")[2] for _ in range(2)] == ["quad1", "quad2"]
     client.close()
     wrong = Client(served, "?key=quad1&hz=fast")
-    assert wrong.get()["error"]["field"] == "hz"
+    error = wrong.get()["error"]
+    assert error["field"] == "hz" and error["text"].endswith(" Hz")
     wrong.close()
     mixed = Client(served, "?key=quad1/%23&key=quad2/ATTITUDE")
     assert mixed.get()["error"]["field"] == "key"

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 KEY = keys.FLEET.key("demo", topic=keys.ORDERED)
 
 
-def test_the_orders_in_a_recording_are_shown(desk: Any) -> None:
+def test_the_orders_in_a_recording_are_shown(desk: Any, tmp_path: Path) -> None:
+    """Of those files that can be read."""
     here = desk()
     line = wire.OrderLine(
         t=1_700_000_000.0, who="anna", source="10.0.0.7", verb="do/takeoff", vehicles=["quad1"], outcome="done", more=2
@@ -27,8 +28,10 @@ def test_the_orders_in_a_recording_are_shown(desk: Any) -> None:
     here.storage.put("zmav/demo/@fleet/goal", b'{"t": 1}')
     here.storage.close()
     (path,) = here.files("mcap")
-    result = CliRunner().invoke(command, ["--orders", str(path)])
+    (tmp_path / "torn.tlog").write_bytes(bytes(4096))
+    result = CliRunner().invoke(command, ["--orders", str(tmp_path / "torn.tlog"), "--orders", str(path)])
     assert result.exit_code == 0, result.output
+    assert "left out:" in result.output and "torn.tlog holds no MAVLink" in result.output
     (row,) = [line for line in result.output.splitlines() if "takeoff" in line]
     assert "anna@10.0.0.7" in row and "quad1" in row and "done (2 more before)" in row
     assert "1 orders" in result.output

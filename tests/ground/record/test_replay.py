@@ -143,6 +143,17 @@ def test_names_of_what_is_played(tmp_path: Path) -> None:
         names("x.mcap")
 
 
+def test_a_file_that_holds_nothing_more_keeps_no_other_from_being_played(tmp_path: Path) -> None:
+    (tmp_path / "quad1.001.tlog").write_bytes(bytes(4096))  # as a power cut leaves it
+    tlog(tmp_path / "quad2.001.tlog", Frames(), 0.0)
+    said: list[str] = []
+    assert [whose for _, whose in sources.readable(sources.open_all([tmp_path]), said.append)] == [["quad2"]]
+    (line,) = said
+    assert line.startswith(f"left out: {tmp_path / 'quad1.001.tlog'} holds no MAVLink")
+    with pytest.raises(BadInput, match=r"quad1.*holds no MAVLink"):
+        sources.readable(sources.open_all([tmp_path / "quad1.001.tlog"]), said.append)
+
+
 EVENT = wire.encode(wire.Event(t=1.0, kind="mode", severity="info", text="GUIDED"))
 SETPOINT = wire.encode(wire.Setpoint(lease="x", seq=1, deadline=1.0, pos=(1.0, 2.0, 3.0)))
 

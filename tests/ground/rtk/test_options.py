@@ -79,12 +79,43 @@ def test_a_file(tmp_path: Path) -> None:
         "ntrip://me:secret@host/BASE?version=3",
         "ntrip://me:secret@host/BASE?colour=red",
         "ntrip://me:secret@host/BASE?ca=/nowhere.pem",
+        "ntrip://me:1?secret=2@host/BASE",
+        "ntrip://me:1?version=secret@host/BASE",
+        "ntrip://me:1#secret@host/BASE",
+        "NTRIP://me:secret@host/BASE",
+        "nrtip://me:secret@host/BASE",
+        "ntrip//me:secret@host/BASE",
+        "ntrip//secret@host/BASE",
+        "secret@host:2101/BASE",
+        "me:secret@host:2101",
+        "tcp:me:secret@host:2101",
+        "udpout:me:secret@host:2101",
     ],
 )
 def test_others_are_refused_without_the_password(text: str) -> None:
     with pytest.raises(BadUrl) as error:
         parse_source(text, {})
     assert "secret" not in str(error.value) + str(error.value.detail)
+    assert error.value.__suppress_context__ or error.value.__context__ is None
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("ntrip:me:12@host/BASE", "ntrip:…@host/BASE: no host after //"),
+        ("ntrip:///BASE", "ntrip:///BASE: no host after //"),
+        ("ntrip://me:1/2@host/BASE", "ntrip://…@host/BASE: in a name or a password / is written %2F, ? %3F, # %23"),
+        ("ntrip://me:x/2@host/BASE", "in a name or a password / is written %2F, ? %3F, # %23"),
+        ("ntrip://me:1?x=2@host/BASE", "ntrip://…@host/BASE: in a name or a password / is written %2F, ? %3F, # %23"),
+        ("ntrip://me:12#34@host/BASE", "ntrip://…@host/BASE: in a name or a password / is written %2F, ? %3F, # %23"),
+        ("ntrip://host/BASE#1", "ntrip://host/BASE#1: in a name or a password / is written %2F, ? %3F, # %23"),
+        ("nrtip://me:12@host/BASE", "no source of corrections 'nrtip://…@host/BASE'"),
+    ],
+)
+def test_what_is_wrong_with_a_url_is_said(text: str, says: str) -> None:
+    with pytest.raises(BadUrl) as error:
+        parse_source(text, {})
+    assert says in str(error.value)
 
 
 def test_surveys_and_places() -> None:

@@ -271,6 +271,10 @@ def test_a_port_that_another_program_holds_is_said_once(caplog: pytest.LogCaptur
     taken.close()
     assert port.open(100.0)
     port.close()
+    again = udp(number)
+    assert not port.open(200.0)
+    assert [record.getMessage() for record in caplog.records] == [line, line], "of another program, too"
+    again.close()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")

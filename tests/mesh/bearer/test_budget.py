@@ -27,7 +27,7 @@ def test_what_is_no_budget_is_refused_by_its_field(text: str) -> None:
     with pytest.raises(BadConfig) as refused:
         parse_budget(text, "radios[0].budget")
     assert refused.value.detail["field"] == "radios[0].budget"
-    assert "60 kB/s" in str(refused.value)
+    assert "60 kB/s" in str(refused.value) and "5000 B/s at least" in str(refused.value)
 
 
 @given(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import signal
 import sys
 from typing import Any
@@ -84,13 +83,11 @@ def test_what_cannot_be_is_said(arguments: list[str]) -> None:
 
 
 def test_numbers_that_no_stream_has_are_refused_at_once() -> None:
-    for arguments in (["--size", "0"], ["--size", "1000000"], ["--seconds", "1e9"], ["--hz", "0"]):
-        found = CliRunner().invoke(verb.command, ["a", "b", *arguments])
+    wrong = [("--size", "0"), ("--size", "1000000"), ("--seconds", "1e9"), ("--hz", "0")]
+    for option, value in (*wrong, *((name, number) for name in ("--hz", "--seconds") for number in ("nan", "inf"))):
+        found = CliRunner().invoke(verb.command, ["a", "b", option, value])
         assert found.exit_code == 2, found.output
-    for name in ("hz", "seconds"):
-        with pytest.raises(BadInput) as caught:
-            verb.wanted(options("a", "b", "stream", **{name: math.nan}), verb.STREAM)
-        assert caught.value.detail["field"] == name
+        assert f"Invalid value for '{option}'" in found.output
 
 
 def test_the_table_is_that_of_iperf() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import threading
 import time
@@ -191,6 +192,33 @@ def test_a_folder_that_cannot_be_replaced_keeps_no_other_member_from_being_renew
     assert after["quad1"].certificate.fingerprint == before["quad1"].certificate.fingerprint
     assert after["quad2"].certificate.fingerprint != before["quad2"].certificate.fingerprint
     assert after["quad1"].roster.number == after["quad2"].roster.number
+
+
+def test_a_folder_that_cannot_be_written_keeps_no_other_member_from_the_roster(authority: Authority) -> None:
+    """Nor does it keep from the person what was done, and what else went wrong."""
+    for name, days in (("quad0", 90), ("quad1", 9), ("quad2", 90)):
+        authority.issue(name, Role.VEHICLE, days)
+    members = authority.folder / "members"
+    (members / "quad0" / "roster.json").unlink()
+    (members / "quad0" / "roster.json").mkdir()
+    (members / "quad1" / "notes.txt").write_text("hers")
+    unwritten = r"cannot write .*quad0/roster\.json"
+
+    def run(*arguments: str) -> tuple[str, str]:
+        result = CliRunner().invoke(command, [*arguments, "--ca", str(authority.folder)])
+        assert isinstance(result.exception, BadConfig)
+        assert re.search(unwritten, str(result.exception))
+        assert Credentials.load(members / "quad2").roster.number == authority.ledger.number
+        return result.output, str(result.exception)
+
+    _, why = run("renew", "--all")
+    assert "quad1 holds 'notes.txt', too" in why
+    told, _ = run("renew", "quad2")
+    assert "carry it to quad2" in told
+    told, _ = run("issue", "quad3", "--role", "vehicle")
+    assert "carry it to quad3" in told
+    told, _ = run("revoke", "quad3")
+    assert "revoked quad3" in told and "roster --publish" in told
 
 
 def test_two_at_once_lose_nothing(authority: Authority) -> None:

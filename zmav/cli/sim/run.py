@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import click
 import msgspec
 
+from zmav.cli.common import Finite
 from zmav.errors import BadConfig, BadInput
 from zmav.hil.binaries import ARDUPILOT_PROGRAMS
 from zmav.hil.externals import Externals
@@ -177,7 +178,7 @@ _OPTIONS = (
         "[default: ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
-    click.option("--spacing", type=float, metavar="M", help="Metres between starts.  [default: 10]"),
+    click.option("--spacing", type=Finite(), metavar="M", help="Metres between starts.  [default: 10]"),
     click.option(
         "--wind",
         metavar="SPEED[@FROM][,GUSTS]",

@@ -9,7 +9,7 @@ from typing import Any
 import click
 import msgspec
 
-from zmav.cli.common import console, dump, json_option
+from zmav.cli.common import Finite, console, dump, json_option
 from zmav.errors import BadInput
 from zmav.sim.faults import FaultStatus
 from zmav.sim.faults.table import KINDS, make_fault, values_from_words
@@ -116,7 +116,7 @@ def speed(times: str, control: str | None) -> None:
 
 
 @click.command("step")
-@click.argument("seconds", type=float)
+@click.argument("seconds", type=Finite())
 @control_option
 def step(seconds: float, control: str | None) -> None:
     """Go on for SECONDS of simulated time, and pause."""
@@ -163,7 +163,7 @@ def _channel(text: str) -> tuple[int, int]:
 @click.argument("vehicle", required=False)
 @click.argument("kind", required=False)
 @click.argument("parameters", nargs=-1)
-@click.option("--for", "for_s", type=float, metavar="SECONDS", help="Simulated seconds.  [default: until cleared]")
+@click.option("--for", "for_s", type=Finite(), metavar="SECONDS", help="Simulated seconds.  [default: until cleared]")
 @click.option("--clear", is_flag=True, help="End it; without KIND all of the vehicle's, without VEHICLE all there are.")
 @control_option
 @json_option

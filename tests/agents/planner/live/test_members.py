@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+import zenoh
 
 import zmav
 from agents.planner.cli.asking import find
@@ -18,7 +19,7 @@ from agents.planner.live.settings import PlannerSettings
 from mesh.credentials.ca import Authority
 from tests.conftest import Net
 from zmav import keys, wire
-from zmav.errors import BadInput, Forbidden, TimedOut
+from zmav.errors import BadInput, Forbidden, Refused, TimedOut
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.waiting import within
@@ -147,6 +148,47 @@ async def counted(counts: Mapping[str, int], reason: str, least: int) -> None:
             await asyncio.sleep(0.01)
 
     await within(PATIENCE_S, wait())
+
+
+async def test_a_planner_that_refuses_hides_none_that_is_in_charge(net: Net) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as planners, zmav.open(connect=[endpoint]) as z:
+        status = {"planner": "second", "in_charge": True, "term": 1, "instance": "2"}
+        outcome = wire.encode(wire.Outcome(verb="status", status="done", took=0.0, result=status))
+
+        def refuse(query: zenoh.Query) -> None:
+            with query:
+                query.reply_err(wire.error_body(Refused("busy")))
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(str(query.key_expr), outcome)
+
+        there: list[object] = []
+        for name, on_query in (("first", refuse), ("second", answer)):
+            about = {"role": "planner", "sys": 0, "autopilot": "-", "uid": "-", "instance": name}
+            key = keys.SWARM.key("demo", name, verb="status")
+            there.append(planners.session.declare_queryable(key, on_query))
+            there.append(planners.session.liveliness().declare_token(keys.ALIVE.key("demo", name, **about)))
+            if name == "first":
+                with pytest.raises(Refused, match="busy"):
+                    await within(PATIENCE_S, find(z))
+        assert (await within(PATIENCE_S, find(z))).name == "second"
+
+
+async def test_a_goal_is_waited_for_by_the_clock_and_not_by_books(net: Net) -> None:
+    """A planner with news says its book three times a second, and the first ones may be older than the goal."""
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as planner, zmav.open(connect=[endpoint]) as z:
+        key = keys.FLEET.key(z.fleet_name, topic="goal")
+        ended = swarm.GoalEntry(id="g1", goal=swarm.Hold(vehicles=["quad1"]), state="done", t=1.0)
+        watching = asyncio.create_task(until_ended(z, "g1", False))
+        await net.linked(planner.session, key)
+        for goals in [*([] for _ in range(15)), [ended]]:
+            book = swarm.Book(t=time.time(), planner="ground", instance="1", term=1, goals=goals)
+            planner.session.put(key, wire.encode(book))
+            await asyncio.sleep(0.02)
+        assert (await asyncio.wait_for(watching, PATIENCE_S)).state == "done"
 
 
 async def test_a_goal_that_nobody_knows_is_not_waited_for(net: Net) -> None:
