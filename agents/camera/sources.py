@@ -175,8 +175,9 @@ class Replay:
             data = path.read_bytes()
             jpeg = data if data[:2] == b"\xff\xd8" else None
             image = None
-            with contextlib.suppress(cv2.error):  # one that it refuses as too large is passed over, too
-                image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
+            if jpeg is None:
+                with contextlib.suppress(cv2.error):  # one that it refuses as too large is passed over, too
+                    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
             if jpeg is not None or image is not None:
                 yield image, jpeg
 

@@ -22,7 +22,7 @@ EXPECTED = (
 )
 BAUD = 115200
 LARGEST_FILE = 100_000_000
-SIGNS = "in a name or a password / is written %2F, ? %3F, # %23 and @ %40"
+SIGNS = "in a name or a password / is written %2F, ? %3F, # %23; anywhere @ %40"
 _SCHEME = re.compile(r"[a-z]+(?::/{0,2}|//)", re.I)
 """with what stands for its :// where that is miswritten"""
 
@@ -145,7 +145,7 @@ def _caster(text: str, environment: Mapping[str, str]) -> Caster:
 
 def _hidden(text: str) -> str:
     """The URL without its password, for words that people read."""
-    _, at, rest = text.rpartition("@")
+    _, at, rest = text.rpartition("@" if "@" in text else "%40")
     scheme = _SCHEME.match(text)
     return f"{scheme[0] if scheme else ''}…@{rest}" if at else text
 

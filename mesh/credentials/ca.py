@@ -155,7 +155,8 @@ class Authority:
                 try:
                     files.write(folder / credentials.ROSTER, signed)
                 except BadConfig as e:
-                    faults.append(e)
+                    text = f"{e}: mend that, then 'zmav mesh ca renew --all' brings the roster there"
+                    faults.append(BadConfig(text, **e.detail))
         if faults:
             raise together(faults)
 

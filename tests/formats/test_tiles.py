@@ -161,7 +161,7 @@ def test_a_server_that_is_not_there(tmp_path: Path) -> None:
         Server(f"http://127.0.0.1:{free_port()}/{{cell}}.hgt", tmp_path).piece("S36E149-38-09")
 
 
-@pytest.mark.parametrize("host", ["[x", "a..b"])
+@pytest.mark.parametrize("host", ["[x", "a..b", "127.0.0.1:80a", "127.0.0.1/a b"])
 def test_what_is_no_address_of_a_server(tmp_path: Path, host: str) -> None:
     with pytest.raises(BadInput, match="https://HOST/"):
         Server(f"http://{host}/{{cell}}.hgt", tmp_path).piece("S36E149-38-09")

@@ -132,7 +132,7 @@ class Server:
                 ) from None
             self._absent.add(cell)
             return
-        except ValueError as e:
+        except (ValueError, http.client.InvalidURL) as e:
             raise BadInput.wrong("from", url, "an address as https://HOST/{cell}.hgt", f"{url}: {e}") from None
         except (OSError, http.client.HTTPException) as e:
             raise TimedOut(f"{url}: {e}; load the tiles where there is a network, and give their folder") from None

@@ -8,6 +8,7 @@ Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_M
 
 from __future__ import annotations
 
+import errno
 import os
 import selectors
 import termios
@@ -74,8 +75,10 @@ def open_device(path: str, baud: int) -> int:
         settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
         termios.tcsetattr(descriptor, termios.TCSANOW, settings)
         termios.tcflush(descriptor, termios.TCIOFLUSH)
-    except termios.error:
+    except termios.error as e:
         os.close(descriptor)
+        if e.args[0] != errno.ENOTTY:  # it was unplugged just now
+            raise OSError(*e.args) from None
         raise BadUrl(f"{path} is no serial device", field="hil", value=path, expected=_EXPECTED) from None
     return descriptor
 

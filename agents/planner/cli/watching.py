@@ -28,23 +28,23 @@ async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEnt
 
     Raises :class:`TimedOut` when no planner is heard any more, or the one in charge does not have the goal.
     """
-    before, silent, missed = ("", ""), 0.0, math.inf
+    before, silent, since = ("", ""), 0.0, math.inf
     async for book in books(z, SILENCE):
         if book is None:
-            silent += SILENCE
+            silent, since = silent + SILENCE, math.inf
             if silent >= GIVE_UP:
                 raise TimedOut(f"no planner was heard for {silent:.0f} s; nobody flies the goal on")
             click.echo(f"no planner heard for {silent:.0f} s", err=True)
             continue
-        silent, missed = 0.0, min(missed, time.monotonic())
+        silent, since = 0.0, min(since, time.monotonic())
         for entry in (entry for entry in book.goals if entry.id == name):
-            missed = math.inf
+            since = math.inf
             if (entry.state, entry.text) != before:
                 tell(as_json, msgspec.to_builtins(entry), line(entry))
             before = (entry.state, entry.text)
             if entry.state in ENDED:
                 return entry
-        if time.monotonic() - missed >= MISSED:
+        if time.monotonic() - since >= MISSED:
             text = f"{name} is not in the book of {book.planner}, which is in charge: look at 'zmav swarm list --all'"
             raise TimedOut(f"{text}, and give the goal again if it was not flown", goal=name)
     raise AssertionError("books never end")

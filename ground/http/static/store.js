@@ -43,7 +43,6 @@ export class Store {
     this.links = [];
     /** @type {Place | null} the fleet's origin; null: none is known */
     this.origin = null;
-    this.originOf = ""; // id of the vehicle that it is known by: where there is a new one it says so, or another once it is silent
     /** True where nobody knows a place on earth: then places are metres about nowhere. */
     this.nowhere = true;
     /** @type {"connecting" | "live" | "lost"} */
@@ -82,12 +81,12 @@ export class Store {
       this.vehicles = new Map(all.sort((a, b) => a[0].localeCompare(b[0], "en", { numeric: true })));
       [...this.vehicles.values()].forEach((each, index) => (each.colour = hue(index)));
     }
-    vehicle.take(state, alarms || [], this.placeOf(id, state));
+    vehicle.take(state, alarms || [], this.placeOf(vehicle, state));
     if (REPLAY) vehicle.clock = () => this.replayAt;
   }
 
-  /** @param {string} id @param {State} state @returns {Place | null} */
-  placeOf(id, state) {
+  /** @param {Vehicle} vehicle @param {State} state @returns {Place | null} */
+  placeOf(vehicle, state) {
     const here = state.position;
     const local = Array.isArray(state.local) && state.local.every(Number.isFinite) ? state.local : null;
     if (here && [here.lat_deg, here.lon_deg, here.alt_rel].every(Number.isFinite)) {
@@ -95,13 +94,14 @@ export class Store {
       if (this.nowhere) {
         this.nowhere = false;
         this.origin = null;
-        for (const vehicle of this.vehicles.values()) vehicle.trail = [];
+        for (const each of this.vehicles.values()) each.trail = [];
       }
-      if (local && (!this.origin || this.originOf === id || (this.vehicles.get(this.originOf)?.stale ?? true))) {
+      if (local) {
         const m = metresPerRadian(toGlobal(place, -local[0], -local[1]).lat); // at the origin's latitude, as in zmav/geo.py
-        const origin = { lat: place.lat - local[0] / m.north / RADIAN, lon: place.lon - local[1] / m.east / RADIAN };
-        const off = this.origin ? Math.hypot(...toNed(this.origin, origin)) : Infinity;
-        if (!(off <= 1)) [this.origin, this.originOf] = [origin, id];
+        vehicle.origin = { lat: place.lat - local[0] / m.north / RADIAN, lon: place.lon - local[1] / m.east / RADIAN };
+        const agrees = (/** @type {Vehicle} */ each) => this.origin && each.origin && Math.hypot(...toNed(this.origin, each.origin)) <= 1;
+        // One that has another origin moves nobody's, while any that is heard has the one that is known.
+        if (!agrees(vehicle) && ![...this.vehicles.values()].some((each) => !each.stale && agrees(each))) this.origin = vehicle.origin;
       }
       return place;
     }

@@ -44,6 +44,8 @@ export class Vehicle {
     this.place = null;
     /** @type {{at: number, lat: number, lon: number, alt: number | null}[]} alt: see above */
     this.trail = [];
+    /** @type {Place | null} the origin that its local place is about */
+    this.origin = null;
     /** @type {Place | null} */
     this.home = null;
     /** @type {Place | null} where its autopilot flies to */

@@ -82,6 +82,7 @@ def test_a_file(tmp_path: Path) -> None:
         "ntrip://me:1?secret=2@host/BASE",
         "ntrip://me:1?version=secret@host/BASE",
         "ntrip://me:1#secret@host/BASE",
+        "ntrip://me:secret%40host/BASE",
         "NTRIP://me:secret@host/BASE",
         "nrtip://me:secret@host/BASE",
         "ntrip//me:secret@host/BASE",

@@ -20,8 +20,8 @@ ACROSS, GRID = 8, 4
 """grids from west to east in a block, and heights along a grid"""
 BITS = 56
 MOST_BLOCKS = 1024
-"""that it keeps: more than a mission has places, and TERRAIN_REPORT's sixteen bits can count what is pending of them;
-where there are more, those that it looked at the longest ago go
+"""that it keeps: more than a mission has places (650), few enough for the 16 bits of what TERRAIN_REPORT has pending.
+Beyond them those that it looked at the longest ago go.
 """
 
 
