@@ -67,17 +67,17 @@ class Course:
 
     def __init__(self, trajectory: Trajectory, start: float) -> None:
         self.trajectory, self.start = trajectory, start
-        self._until = 0.0
-        """s on the trajectory from which nothing is given yet"""
+        self._until: float | None = None
+        """s on the trajectory from which nothing is given yet; None: nothing of it is"""
         self._flown, self._stops = trajectory, False
         """what was taken of it last, as far as known; it is to come to rest"""
 
     def due(self, now: float) -> list[wire.SegmentPoint] | None:
         """The next segment, where it is time to give it (UTC s)."""
         t = now - self.start
-        if t < self._until - OVERLAP or self._until >= self.trajectory.duration:
-            return None
-        if self._until:
+        if self._until is not None:
+            if t < self._until - OVERLAP or self._until >= self.trajectory.duration:
+                return None
             self._flown = self.trajectory
         elif self._stops:  # from now on: where the brake before did not come there, the vehicle flies on without it
             self.trajectory = self._flown.braked(min(max(t + NOTICE, 0.0), self._flown.duration))
@@ -87,7 +87,7 @@ class Course:
 
     def again(self) -> None:
         """What was given last did not come there: the next segment is due at once."""
-        self._until = 0.0
+        self._until = None
 
     def brake(self) -> None:
         """Come to rest along the way; this is due at once."""
@@ -96,7 +96,7 @@ class Course:
 
     def ended(self, now: float) -> bool:
         """It is over, and all of it was given."""
-        given = self._until >= self.trajectory.duration
+        given = self._until is not None and self._until >= self.trajectory.duration
         return given and now - self.start >= self.trajectory.duration
 
     def along(self, now: float) -> float:
@@ -220,15 +220,26 @@ class Navigator(FlyingAgent):
         return f"broken off at {course.along(time.time()):.1f} m" if self._ends else ""
 
     async def _begun(self, outlet: Outlet, here: wire.Vector) -> Course:
-        """The course whose first segment is taken. Each try has one of its own, for the vehicle has not set off."""
+        """The course whose first segment is taken. Each try has one of its own, for the vehicle has not set off; before
+        it is heard again nobody knows that, and nothing else is given.
+        """
+        name, taken = self.vehicle.name, None
         for _ in range(TRIES):
             self.course = course = self._course(here)
             if self._ends:  # it was told to abort meanwhile
                 course.brake()
-            if await self._give(outlet, course):
+            taken = await self._give(outlet, course)
+            while taken is None and (self.vehicle.age or 0.0) <= SILENT:
+                await asyncio.sleep(TICK)
+                taken = await self._give(outlet, course)
+            if taken:
                 return course
-        name = self.vehicle.name
-        raise Stale(f"{name} was not heard when it was given its way: give 'fly' again", vehicle=name)
+            if taken is None:
+                with contextlib.suppress(ZmavError):
+                    await self.vehicle.hold()
+                text = f"{name} was not heard after it was given its way, and may have set off: it was told to hold"
+                raise Stale(text, vehicle=name)
+        raise Stale(f"{name} did not take its way in {TRIES} tries: give 'fly' again", vehicle=name)
 
     async def on_broken_off(self, error: Exception, why: str) -> str:
         """A vehicle that nobody else has holds."""
@@ -249,21 +260,20 @@ class Navigator(FlyingAgent):
         while True:
             self._check_place(course)
             outlet.check()
-            now = time.time()
-            if course.ended(now):
+            taken, now = await self._give(outlet, course), time.time()
+            if taken and course.ended(now):
                 return
-            await self._give(outlet, course)
             self._tell(course, now)
             due = max(due + TICK, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
-    async def _give(self, outlet: Outlet, course: Course) -> bool:
-        """False: what is due did not come there, and is due again."""
+    async def _give(self, outlet: Outlet, course: Course) -> bool | None:
+        """Give what is due. False: it did not come there, and is due again; None: nobody knows yet."""
         points = course.due(time.time())
-        if points is None or await outlet.give(points):
-            return True
-        course.again()
-        return False
+        taken = outlet.settled() if points is None else await outlet.give(points)
+        if taken is False:
+            course.again()
+        return taken
 
     def _check_place(self, course: Course) -> None:
         state, age = self.vehicle.last_state, self.vehicle.age

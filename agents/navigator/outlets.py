@@ -12,7 +12,7 @@ from zmav.waiting import within
 
 TAKEN, TRIES = 1.0, 3
 """s in which the vehicle says that it flies a segment, before it is put again; how often it is put"""
-PASSING = (None, "late", "order")
+PASSING = (None, "late", "order", "link")
 """why a vehicle drops what a network held back, or nothing that it says of what it drops: put again, it may be flown"""
 PRESENT = 4.0
 """s for a controller to answer that it is there"""
@@ -27,6 +27,8 @@ class ByLease:
         """when it said that it flies what it took (monotonic s), and the first setpoint that brought that"""
         self._tries = 0
         """how often one was put that a vehicle which is heard did not take"""
+        self._unsure: int | None = None
+        """the first setpoint of what was put to a vehicle that is not heard since: it may fly by it"""
         self._refusal = self._word = ""
         """the vehicle's last words on setpoints: why one is not flown, however often it is put; and any other"""
 
@@ -37,23 +39,43 @@ class ByLease:
         else:
             self._refusal = event.text
 
-    async def give(self, points: list[wire.SegmentPoint]) -> bool:
-        """Put it, and wait until the vehicle is committed to it; False: it flies on by what it has, and the way is to
-        be given again. Raises what the vehicle has against it, or where it is heard and takes none in so many tries.
+    async def give(self, points: list[wire.SegmentPoint]) -> bool | None:
+        """Put it, and wait until the vehicle is committed to it. False: it flies on by what it has, and the way is to
+        be given again; None: it is not heard, see :meth:`settled`. Raises what the vehicle has against it, or where it
+        is heard and takes none in so many tries.
         """
-        first, self._refusal = self._lease.sent + 1, ""
+        first, self._refusal, self._unsure = self._lease.sent + 1, "", None
         self._lease.segment(points)
         try:
             await self._vehicle.wait_until(lambda state: self._ended or self._flies(state, first), TAKEN)
         except TimedOut:
-            silent = (age := self._vehicle.age) is not None and age > TAKEN
-            self._tries = 0 if silent else self._tries + 1
+            if not self._heard:
+                self._unsure, self._tries = first, 0
+                return None
+            self._tries += 1
             if self._refusal or self._tries >= TRIES:
                 raise self._refused from None
             return False
+        return self._took(first)
+
+    def settled(self) -> bool | None:
+        """Whether the vehicle took what was put last; None: it has not been heard since."""
+        if self._unsure is None:
+            return True
+        state = self._vehicle.last_state
+        if state is None or not self._heard:
+            return None
+        first, self._unsure = self._unsure, None
+        return self._flies(state, first) and self._took(first)
+
+    def _took(self, first: int) -> bool:
         self._taken, self._tries, self._word = first, 0, ""
         self.check()
         return True
+
+    @property
+    def _heard(self) -> bool:
+        return (age := self._vehicle.age) is not None and age <= TAKEN
 
     def check(self) -> None:
         if self._lease.lost is not None:
@@ -98,13 +120,16 @@ class ByController:
                 f"no agent {name} answers: start 'zmav agent run {name} --vehicle {me}'", agent=name
             ) from None
 
-    async def give(self, points: list[wire.SegmentPoint]) -> bool:
+    async def give(self, points: list[wire.SegmentPoint]) -> bool | None:
         """Returns when the controller has taken it, or goes on with it for long."""
         if self._told is not None:
             self._told.cancel()
         self._told = asyncio.create_task(self._vehicle.tell(self._controller, "follow", segment=points))
         await asyncio.wait({self._told}, timeout=TAKEN)
         self.check()
+        return True
+
+    def settled(self) -> bool | None:
         return True
 
     def check(self) -> None:
@@ -129,6 +154,6 @@ class ByController:
 
 
 Outlet = ByLease | ByController
-"""``give`` lets points be flown from now on (False: the way is to be given again, as it is by then), ``check`` raises
-the :class:`~zmav.errors.ZmavError` that ended it.
+"""``give`` lets points be flown from now on (False: the way is to be given again, as it is by then; None: nobody knows
+before ``settled`` does), ``check`` raises the :class:`~zmav.errors.ZmavError` that ended it.
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from tests.failsafe.conftest import held
 from tests.services.authority.test_leader import ORIGIN
 from tests.services.conftest import ARM
+from tests.waiting import until
 from zmav import wire
 from zmav.client import Answer, Client
 from zmav.errors import Forbidden, Refused
@@ -76,7 +78,8 @@ async def test_who_was_turned_out_leads_a_vehicle_nowhere(guarded: StartGuarded,
         order = asyncio.create_task(z.vehicle("quad1").order("goto", goto))
         await g.b.state(lambda s: s["mover"] == ("order" if arrive else "target"), "it is led")
         await turn_out(g, alice)
-        await g.b.state(lambda s: s["mover"] == ("order" if arrive else "target"), "it is led still: it was another's")
+        then = time.time()
+        await g.b.state(lambda s: s["t"] > then and s["mover"] == ("order" if arrive else "target"), "it is led still")
         await turn_out(g, z)
         await held(g.b)
         await g.b.state(lambda s: s["mover"] == "hold", "a hold")
@@ -91,8 +94,7 @@ async def test_who_was_turned_out_while_an_order_was_judged_gives_none(guarded: 
         g.b.peer.beating = False  # it is judged by the next HEARTBEAT
         arming = wire.RunCommand(command="COMPONENT_ARM_DISARM", params={"param1": 1.0})
         order = asyncio.create_task(z.vehicle("quad1").order("command", arming))
-        while not g.vehicle.orders.under_way:
-            await asyncio.sleep(0.01)
+        await until(lambda: g.vehicle.orders.under_way or order.done(), "it is not judged")
         await turn_out(g, z)
         g.b.peer.beating = True
         with pytest.raises(Forbidden, match="swap"):

@@ -219,8 +219,8 @@ class VehicleCommand:
                     if self._clock.now() - denied >= DENIED_FOR:
                         self.taken = str(e)
                         return
-                except ZmavError:
-                    pass
+                except ZmavError:  # it says nothing
+                    denied = None
                 await asyncio.sleep(0.3)
 
 

@@ -217,7 +217,7 @@ def plan_planes(
     best: dict[int, Motion] = {}
     takes = math.inf
     for attempt in range(ATTEMPTS):
-        if deadline.over:
+        if attempt and deadline.over:
             break
         found: dict[int, Motion] = {}
         stuck = next((i for i in order if not _place_one(problem, planes[i], found, deadline)), None)

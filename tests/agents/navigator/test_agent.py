@@ -72,10 +72,13 @@ class StalledClient(BadClient):
             self.held.append(put)
             self.cut = self.breaks
 
-    def let_go(self) -> None:
+    def let_go(self, *, through: bool = False) -> None:
+        """``through``: what waits, and nothing else, goes through a cut."""
         held, self.held = self.held, None
+        cut, self.cut = self.cut, self.cut and not through
         for put in held or []:
             put()
+        self.cut = cut
 
 
 class Distant(Navigator):
@@ -251,7 +254,9 @@ async def test_a_way_whose_first_segment_is_lost_in_a_silence_is_begun_all_the_s
         held: list[Callable[[], None]] = []
         z.held, z.breaks = held, True
         flying = asyncio.create_task(field.circle())
-        await until(lambda: len(held) > 1 or flying.done(), "", PATIENCE_S)
+        await until(lambda: len(held) > 0, "", PATIENCE_S)
+        await asyncio.sleep(1.5 * TAKEN)  # it is not heard, and nothing more is put
+        assert len(held) == 1 and not flying.done()
         z.cut, z.held = False, None
         await flying
         await field.me.tell("distant", "abort")
@@ -275,6 +280,29 @@ async def test_what_is_aborted_in_a_silence_comes_to_rest_on_its_way_when_it_is_
         await field.me.wait_until(
             lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.1, PATIENCE_S
         )
+        assert math.dist(field.me.local, course.place(time.time())) < 0.5
+
+
+async def test_what_came_to_rest_in_a_silence_does_not_set_off_again(field: Field) -> None:
+    """Its brake came there, and no word of that came back."""
+    async with field.distant() as (z, distant):
+        await field.circle()
+        course = distant.course
+        assert course is not None
+        await until(lambda: time.time() > course.start + 2.0, "", PATIENCE_S)
+        z.held, z.breaks = [], True
+        aborting = asyncio.create_task(field.me.tell("distant", "abort"))
+        await until(lambda: z.cut, "", PATIENCE_S)
+        z.let_go(through=True)
+        await field.me.wait_until(
+            lambda s: s.velocity is not None and math.hypot(*s.velocity) < 0.1 and s.segment is not None, PATIENCE_S
+        )
+        rests, flown = field.me.local, field.me.state.setpoints["flown"]
+        await asyncio.sleep(1.2 * TAKEN)
+        assert not aborting.done() and field.me.state.setpoints["flown"] == flown
+        z.cut = False
+        await aborting
+        assert math.dist(field.me.local, rests) < 0.5
         assert math.dist(field.me.local, course.place(time.time())) < 0.5
 
 

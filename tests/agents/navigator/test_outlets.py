@@ -55,10 +55,30 @@ async def test_a_silent_network_loses_a_segment_and_ends_no_flight() -> None:
     assert await by.give(POINTS)
     vehicle.age, vehicle.takes = TAKEN + 0.5, False
     for _ in range(TRIES + 1):
-        assert not await by.give(POINTS)
+        assert await by.give(POINTS) is None
+        assert by.settled() is None
         by.check()
     vehicle.age, vehicle.takes = 0.1, True
+    assert by.settled() is False
     assert await by.give(POINTS)
+    assert by.settled()
+
+
+async def test_what_was_taken_in_a_silence_is_known_once_the_vehicle_is_heard_again() -> None:
+    vehicle = Vehicle()
+    by = ByLease(cast("zmav.Vehicle", vehicle), cast("zmav.Lease", vehicle))
+    assert await by.give(POINTS)
+    before = vehicle.last_state
+    vehicle.age, vehicle.takes = TAKEN + 0.5, False
+    assert await by.give(POINTS) is None
+    vehicle.takes = True
+    vehicle.sent -= 1
+    vehicle.segment(POINTS)  # it had it
+    after, vehicle.last_state = vehicle.last_state, before
+    assert by.settled() is None
+    vehicle.age, vehicle.last_state = 0.1, after
+    assert by.settled() is True
+    by.check()
 
 
 async def test_what_a_vehicle_that_is_heard_does_not_take_is_refused() -> None:
@@ -83,7 +103,7 @@ async def test_what_a_network_held_back_until_it_was_too_late_is_put_again() -> 
     assert await by.give(POINTS)
 
 
-@pytest.mark.parametrize(("why", "tries"), [("late", TRIES), ("order", TRIES), (None, TRIES), ("invalid", 1)])
+@pytest.mark.parametrize(("why", "tries"), [("late", TRIES), ("order", TRIES), ("link", TRIES), (None, TRIES), ("invalid", 1)])
 async def test_the_vehicle_s_reason_is_told_and_one_that_stays_is_not_asked_again(why: str | None, tries: int) -> None:
     """By a clock that is off all that comes is late."""
     vehicle = Vehicle()
@@ -137,6 +157,15 @@ def test_a_brake_that_was_lost_is_made_again_from_where_the_vehicle_has_come_to_
     assert points[-1].t < 1013.0
     assert not course.ended(1010.0)
     assert course.ended(1013.0)
+
+
+def test_a_brake_before_it_sets_off_that_was_lost_is_due_again() -> None:
+    course = Course(Trajectory(shape("square", (0.0, 0.0, -5.0), side=20.0), Limits(1.0, 1.0, 2.0)), 1000.0)
+    course.brake()
+    assert course.due(999.0) is not None
+    course.again()
+    assert not course.ended(1001.0)
+    assert course.due(1001.0) is not None
 
 
 def test_a_brake_that_takes_long_is_gone_on_with() -> None:

@@ -92,7 +92,7 @@ class PositionLeader:
             if on_segment or self._port.latest("GLOBAL_POSITION_INT", source) is None:
                 return target
             text = "it does not say any more where it is: it is led no farther, and stops"
-            self._events.emit("setpoint", "warning", text, limit="sp position")  # as a setpoint dropped for it
+            self._events.emit("setpoint", "warning", text, why="position", limit="sp position")
             return None
         if autopilot.on_surface and target.vel is not None:
             return pursuit(target, position, self._bounds.most_speed)

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 import zmav
-from agents.planner.cli.asking import find
+from agents.planner.cli.asking import find, planners
 from agents.planner.cli.watching import until_ended
 from agents.planner.live.agent import Agent
 from agents.planner.live.context import EVENTS
@@ -152,7 +152,7 @@ async def counted(counts: Mapping[str, int], reason: str, least: int) -> None:
 
 async def test_a_planner_that_refuses_hides_none_that_is_in_charge(net: Net) -> None:
     _, endpoint = net.router()
-    async with zmav.open(connect=[endpoint]) as planners, zmav.open(connect=[endpoint]) as z:
+    async with zmav.open(connect=[endpoint]) as ground, zmav.open(connect=[endpoint]) as z:
         status = {"planner": "second", "in_charge": True, "term": 1, "instance": "2"}
         outcome = wire.encode(wire.Outcome(verb="status", status="done", took=0.0, result=status))
 
@@ -168,11 +168,17 @@ async def test_a_planner_that_refuses_hides_none_that_is_in_charge(net: Net) -> 
         for name, on_query in (("first", refuse), ("second", answer)):
             about = {"role": "planner", "sys": 0, "autopilot": "-", "uid": "-", "instance": name}
             key = keys.SWARM.key("demo", name, verb="status")
-            there.append(planners.session.declare_queryable(key, on_query))
-            there.append(planners.session.liveliness().declare_token(keys.ALIVE.key("demo", name, **about)))
+            there.append(ground.session.declare_queryable(key, on_query))
+            there.append(ground.session.liveliness().declare_token(keys.ALIVE.key("demo", name, **about)))
             if name == "first":
                 with pytest.raises(Refused, match="busy"):
                     await within(PATIENCE_S, find(z))
+
+        async def named() -> None:
+            while len(await planners(z)) < 2:
+                pass
+
+        await within(PATIENCE_S, named())
         assert (await within(PATIENCE_S, find(z))).name == "second"
 
 
