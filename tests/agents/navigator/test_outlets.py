@@ -103,7 +103,9 @@ async def test_what_a_network_held_back_until_it_was_too_late_is_put_again() -> 
     assert await by.give(POINTS)
 
 
-@pytest.mark.parametrize(("why", "tries"), [("late", TRIES), ("order", TRIES), ("link", TRIES), (None, TRIES), ("invalid", 1)])
+@pytest.mark.parametrize(
+    ("why", "tries"), [("late", TRIES), ("order", TRIES), ("link", TRIES), (None, TRIES), ("invalid", 1)]
+)
 async def test_the_vehicle_s_reason_is_told_and_one_that_stays_is_not_asked_again(why: str | None, tries: int) -> None:
     """By a clock that is off all that comes is late."""
     vehicle = Vehicle()
