@@ -213,7 +213,6 @@ class Navigator(FlyingAgent):
                 listening = asyncio.create_task(self._listen(by))
                 stack.callback(listening.cancel)
             course = await self._begun(outlet, here)
-            outlet.check()
             started.set_result(None)
             self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
             await self._follow(outlet, course)
@@ -223,7 +222,7 @@ class Navigator(FlyingAgent):
         """The course whose first segment is taken. Each try has one of its own, for the vehicle has not set off; before
         it is heard again nobody knows that, and nothing else is given.
         """
-        name, taken = self.vehicle.name, None
+        name = self.vehicle.name
         for _ in range(TRIES):
             self.course = course = self._course(here)
             if self._ends:  # it was told to abort meanwhile

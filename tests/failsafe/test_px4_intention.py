@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.failsafe.conftest import LOCAL, PATIENT, Px4Peer, agent, another, nothing_more
+from tests.failsafe.conftest import LOCAL, PATIENT, Agent, Px4Peer, agent, another, nothing_more
 from tests.services.conftest import ARM, SET_INTERVAL, SET_MODE, Bench, StartBench, Told
 from zmav import keys, wire
 from zmav.config import Failsafe
@@ -82,11 +82,17 @@ async def ready(b: Bench) -> None:
     await b.state(lambda s: s["ready"], "ready")
 
 
-async def test_after_a_lost_stream_the_next_lease_flies(bench: StartBench, intending: Intending) -> None:
+async def streaming(bench: StartBench, intending: Intending) -> tuple[Bench, Agent]:
+    """One that flies by a stream in OFFBOARD, and intends that; and whose stream it is."""
     b = await bench(intending, settings={"failsafe": PATIENT})
     intending.intended = OFFBOARD
     alice = await agent(b, mode=OFFBOARD)
     await alice.fly()
+    return b, alice
+
+
+async def test_after_a_lost_stream_the_next_lease_flies(bench: StartBench, intending: Intending) -> None:
+    b, _ = await streaming(bench, intending)
     intending.mode = HOLD  # COM_OBL_RC_ACT 5
     intending.heartbeat()
     await b.state(lambda s: s["lease"] is None, "no lease")
@@ -110,10 +116,7 @@ async def test_a_lost_stream_becomes_a_hold_whichever_thread_sees_its_end_first(
     """The watchdog's lets go as soon as the mode is there; what judges the mode lives on an event loop that is busy. It
     may have something else to do first that ends the stream, too.
     """
-    b = await bench(intending, settings={"failsafe": PATIENT})
-    intending.intended = OFFBOARD
-    alice = await agent(b, mode=OFFBOARD)
-    await alice.fly()
+    b, alice = await streaming(bench, intending)
     intending.mode = HOLD
     intending.heartbeat()
     time.sleep(0.3)  # several rounds of the watchdog
@@ -131,10 +134,7 @@ async def test_a_lost_stream_becomes_a_hold_whichever_thread_sees_its_end_first(
 async def test_who_waits_to_order_that_hold_ends_with_the_vehicle_s_program(
     bench: StartBench, intending: Intending, onboard: StartOnboard
 ) -> None:
-    b = await bench(intending, settings={"failsafe": PATIENT})
-    intending.intended = OFFBOARD
-    alice = await agent(b, mode=OFFBOARD)
-    await alice.fly()
+    b, _ = await streaming(bench, intending)
     intending.mode = HOLD
     intending.heartbeat()
     await b.state(lambda s: s["lease"] is None, "no lease")
@@ -144,10 +144,7 @@ async def test_who_waits_to_order_that_hold_ends_with_the_vehicle_s_program(
 
 async def test_a_failsafe_that_waits_in_hold_is_not_ended_by_a_hold(bench: StartBench, intending: Intending) -> None:
     """A battery's, just after a takeoff: it goes on to RTL by itself unless somebody changes the mode."""
-    b = await bench(intending, settings={"failsafe": PATIENT})
-    intending.intended = OFFBOARD
-    alice = await agent(b, mode=OFFBOARD)
-    await alice.fly()
+    b, _ = await streaming(bench, intending)
     if intending.tells:  # else it looks as the takeoff's end
         b.vehicle.authority.pilot.order_begins("takeoff")
     intending.on_told = lambda told: None
@@ -170,10 +167,7 @@ async def test_a_failsafe_that_waits_in_hold_is_not_ended_by_a_hold(bench: Start
 async def test_a_pilot_whose_mode_comes_by_heartbeat_first_keeps_it(
     bench: StartBench, intending: Intending, mode: int
 ) -> None:
-    b = await bench(intending, settings={"failsafe": PATIENT})
-    intending.intended = OFFBOARD
-    alice = await agent(b, mode=OFFBOARD)
-    await alice.fly()
+    b, _ = await streaming(bench, intending)
     intending.beating, intending.on_told = False, lambda told: None
     intending.mode = intending.intended = mode
     intending.heartbeat_alone()

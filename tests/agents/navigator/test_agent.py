@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 
 import zmav
-from agents.navigator.agent import OVERLAP, Navigator
+from agents.navigator.agent import OVERLAP, Course, Navigator
 from agents.navigator.outlets import TAKEN, TRIES
 from agents.navigator.trajectory import WINDOW
 from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
@@ -115,6 +115,19 @@ class Field:
     async def circle(self) -> dict[str, Any]:
         return await self.me.tell("distant", "fly", route="circle", radius=8.0, north=0.0, east=0.0, down=-5.0)
 
+    async def circling(self, distant: Distant, seconds: float) -> Course:
+        """Until so many seconds after it has set off."""
+        await self.circle()
+        course = distant.course
+        assert course is not None
+        await until(lambda: time.time() > course.start + seconds, "", PATIENCE_S)
+        return course
+
+    async def rests(self, also: Callable[[wire.VehicleState], bool]) -> None:
+        await self.me.wait_until(
+            lambda s: also(s) and s.velocity is not None and math.hypot(*s.velocity) < 0.1, PATIENCE_S
+        )
+
     async def until(self, true: Callable[[], bool], what: str) -> None:
         await until(true, lambda: f"{what}; {self.words[-1:]}", PATIENCE_S)
 
@@ -209,9 +222,7 @@ async def test_what_is_aborted_comes_to_rest_on_its_way_and_is_given_back(field:
     assert course is not None
     await field.me.tell("navigator", "abort")
     await field.ended("square broken off at")
-    await field.me.wait_until(
-        lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.1, PATIENCE_S
-    )
+    await field.rests(lambda state: state.lease is None)
     assert course.ended(time.time())
     assert 5.0 < course.along(time.time()) < 8.0
     assert math.dist(field.me.local, course.place(time.time())) < 0.5
@@ -220,10 +231,7 @@ async def test_what_is_aborted_comes_to_rest_on_its_way_and_is_given_back(field:
 async def test_a_network_that_is_silent_for_seconds_ends_no_flight(field: Field) -> None:
     """It is while the second segment is due, and for longer than one that is heard has to take it."""
     async with field.distant() as (z, distant):
-        await field.circle()
-        course = distant.course
-        assert course is not None
-        await until(lambda: time.time() > course.start + WINDOW - OVERLAP - 1.0, "", PATIENCE_S)
+        await field.circling(distant, WINDOW - OVERLAP - 1.0)
         z.cut = True
         await asyncio.sleep((TRIES + 2) * TAKEN)
         with pytest.raises(Refused, match="flies circle already"):
@@ -264,10 +272,7 @@ async def test_a_way_whose_first_segment_is_lost_in_a_silence_is_begun_all_the_s
 
 async def test_what_is_aborted_in_a_silence_comes_to_rest_on_its_way_when_it_is_heard_again(field: Field) -> None:
     async with field.distant() as (z, distant):
-        await field.circle()
-        course = distant.course
-        assert course is not None
-        await until(lambda: time.time() > course.start + 2.0, "", PATIENCE_S)
+        course = await field.circling(distant, 2.0)
         z.cut = True
         await asyncio.sleep(1.5 * TAKEN)  # it is not heard
         aborting = asyncio.create_task(field.me.tell("distant", "abort"))
@@ -277,26 +282,19 @@ async def test_what_is_aborted_in_a_silence_comes_to_rest_on_its_way_when_it_is_
         await aborting
         assert distant.flight is not None
         assert distant.flight.exception() is None
-        await field.me.wait_until(
-            lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.1, PATIENCE_S
-        )
+        await field.rests(lambda state: state.lease is None)
         assert math.dist(field.me.local, course.place(time.time())) < 0.5
 
 
 async def test_what_came_to_rest_in_a_silence_does_not_set_off_again(field: Field) -> None:
     """Its brake came there, and no word of that came back."""
     async with field.distant() as (z, distant):
-        await field.circle()
-        course = distant.course
-        assert course is not None
-        await until(lambda: time.time() > course.start + 2.0, "", PATIENCE_S)
+        course = await field.circling(distant, 2.0)
         z.held, z.breaks = [], True
         aborting = asyncio.create_task(field.me.tell("distant", "abort"))
         await until(lambda: z.cut, "", PATIENCE_S)
         z.let_go(through=True)
-        await field.me.wait_until(
-            lambda s: s.velocity is not None and math.hypot(*s.velocity) < 0.1 and s.segment is not None, PATIENCE_S
-        )
+        await field.rests(lambda state: state.segment is not None)
         rests, flown = field.me.local, field.me.state.setpoints["flown"]
         await asyncio.sleep(1.2 * TAKEN)
         assert not aborting.done() and field.me.state.setpoints["flown"] == flown
