@@ -207,9 +207,9 @@ async def take_lease(vehicle: Vehicle, client: Client, holder: str, ttl: float, 
             yield lease
         finally:
             renewer.cancel()
+            lease.close()
             with contextlib.suppress(ZmavError, asyncio.TimeoutError):  # where it does not arrive, the token's end does
                 if not lease.abandoned:
                     await within(RELEASE_TIMEOUT, vehicle.order("release", wire.DropLease(lease=lease.token)))
-            lease.close()
     finally:
         token.undeclare()
