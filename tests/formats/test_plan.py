@@ -182,7 +182,12 @@ def without(document: dict[str, Any], *path: Any) -> dict[str, Any]:
         (file(simple(type="Simple")), "$.mission.items[0].type", "Invalid value 'Simple'"),
         (file({"type": "ComplexItem", "complexItemType": "StructureScan"}), "$.mission.items[0]", "StructureScan"),
         (file(survey(simple(), simple(frame=99))), "$.mission.items[0].TransectStyleComplexItem.Items[1].frame", "99"),
-        (file(simple(177, 1, params=[7, 1, 0, 0, 0, 0, 0])), "$.mission.items[0].params[0]", "no item's doJumpId"),
+        (file(simple(177, 1, params=[7, 1, 0, 0, 0, 0, 0])), "$.mission.items[0].params[0]", "not one item's doJumpId"),
+        (
+            file(simple(16, 1), simple(16, 1), simple(177, 3, params=[1, 1, 0, 0, 0, 0, 0])),
+            "$.mission.items[2].params[0]",
+            "not one item's doJumpId",
+        ),
         (
             file(simple(), simple(177, 2, params=[1.7, 1, 0, 0, 0, 0, 0])),
             "$.mission.items[1].params[0]",

@@ -158,11 +158,14 @@ def _read_mission(part: _MissionPart, enums: Enums, name: str) -> list[MissionIt
         else:
             inside = f"{path}.TransectStyleComplexItem.Items"
             found += [(f"{inside}[{k}]", simple) for k, simple in enumerate(item.TransectStyleComplexItem.Items)]
-    index_of = {item.doJumpId if item.doJumpId is not None else i + 1: i for i, (_, item) in enumerate(found)}
+    index_of: dict[int, int | None] = {}
+    for i, (_, item) in enumerate(found):
+        number = item.doJumpId if item.doJumpId is not None else i + 1
+        index_of[number] = None if number in index_of else i
     return [_read_item(item, path, index_of, enums, name) for path, item in found]
 
 
-def _read_item(item: _Simple, path: str, index_of: Mapping[Any, int], enums: Enums, name: str) -> MissionItem:
+def _read_item(item: _Simple, path: str, index_of: Mapping[Any, int | None], enums: Enums, name: str) -> MissionItem:
     if len(item.params) != 7:
         raise _bad(name, f"{path}.params", f"{len(item.params)} values, expected 7")
     try:
@@ -173,7 +176,7 @@ def _read_item(item: _Simple, path: str, index_of: Mapping[Any, int], enums: Enu
     if command == DO_JUMP:
         target = index_of.get(params[0] or 0)
         if target is None:
-            raise _bad(name, f"{path}.params[0]", f"jumps to {params[0]}, which is no item's doJumpId")
+            raise _bad(name, f"{path}.params[0]", f"jumps to {params[0]}, which is not one item's doJumpId")
         params[0] = float(target)
     x, y, z = place
     return MissionItem(command=command, frame=frame, params=params, x=x, y=y, z=z, autocontinue=item.autoContinue)
