@@ -21,7 +21,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.client import Answer, Client
+from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
 from zmav.services.orders.flight import DISARMED
 from zmav.vehicle import Vehicle
@@ -271,12 +271,8 @@ class FleetOrder:
         return found[1]
 
     async def _ask(self, fleet: str, planner: str, verb: str, order: wire.Order) -> dict[str, Any]:
-        key = keys.SWARM.key(fleet, planner, verb=verb)
-        for answer in await self._z.ask(key, wire.encode_request(order), self.answer, keys.SWARM, lambda _: True):
-            if isinstance(answer, Answer):
-                return wire.decode(answer.payload, wire.Outcome, f"reply to {key}").result
-            raise answer
-        raise TimedOut(f"planner {planner} does not answer", planner=planner)
+        ends = time.monotonic() + self.answer
+        return await order_planner(self._z, fleet, planner, verb, order, answer_s=self.answer, silent=1, ends=ends)
 
     def _late(self, planner: str, last: swarm.GoalState | None, silent: bool) -> str:
         if last is None:
