@@ -150,19 +150,20 @@ class StaticMap:
     def _path(
         self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline | None
     ) -> Path | None:
-        """A search that ends soon, or else samples, which come through slots that no line of a lattice lies in, and
-        longer searches, on finer lattices; what is found is shortened. ``until`` None: the first of these only.
+        """A search that ends soon, or else all of that lattice; then samples, which come through slots that no line of
+        a lattice lies in, and searches on finer lattices; what is found is shortened. ``until`` None: the first only.
         """
         world, start, goal = self.world, ends[0], ends[1]
-        path, done = self._layer(0, radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
+        first = self._layer(0, radius, height)
+        path, done = first.search(world, start, goal, rates, 1, FIRST_LOOK)
         if path is None and until is not None and not until.over:
-            none = False
-            if height is None:
+            path, none = self._out(ends, radius, rates, height, until)
+            if path is None and not none and not done:  # the rest of it takes less than samples do
+                path, _ = first.search(world, start, goal, rates, 2, MOST_LOOKS)
+            if path is None and height is None:
                 path = sampled.find(world, start, goal, radius, until.within(until.left() / 4.0))
-            if path is None:
-                path, none = self._out(ends, radius, rates, height, until)
             if path is None and not none:
-                path, _ = self._finer(ends, radius, rates, height, 1 if done else 0, until)
+                path, _ = self._finer(ends, radius, rates, height, until)
         return None if path is None else shorten.shorten(world, path, radius, rates, SWEEPS)
 
     def _out(
@@ -177,7 +178,7 @@ class StaticMap:
         for way, speeds in ((ends[::-1], rates[[0, 2, 1]]), (ends, rates)):
             path, done = layer.search(self.world, way[0], way[1], speeds, 2, FIRST_LOOK if fine else FEW_LOOKS)
             if path is None and done:
-                path, none = (None, True) if fine else self._finer(way, radius, speeds, height, 1, until)
+                path, none = (None, True) if fine else self._finer(way, radius, speeds, height, until)
             if path is not None or none:
                 break
         if path is not None and (path[-1] == ends[0]).all():
@@ -185,9 +186,10 @@ class StaticMap:
         return path, none
 
     def _finer(
-        self, ends: Floats, radius: float, rates: Floats, height: float | None, level: int, until: Deadline
+        self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline
     ) -> tuple[Path | None, bool]:
-        """A way by ever finer lattices, from this one on; and whether the finest that is needed has none."""
+        """A way by ever finer lattices than the first; and whether the finest that is needed has none."""
+        level = 1
         while not until.over:
             layer = self._layer(level, radius, height)
             path, done = layer.search(self.world, ends[0], ends[1], rates, 2, MOST_LOOKS)
