@@ -1,7 +1,7 @@
 """What stands still, made ready for many searches, and kept warm from plan to plan for as long as it stays the same.
 
 A way is looked for as a straight line first, then on a coarse lattice, which nearly always has one, then by samples,
-and then on ever finer lattices.
+and then on ever finer lattices: on these before, from an end that is walled in.
 """
 
 from __future__ import annotations
