@@ -99,34 +99,38 @@ def modes(events: Samples, name: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("planner", ["slow", "dead"])
-async def test_who_flies_somewhere_is_stopped_at_once(planner: str) -> None:
+def _held(events: Samples, names: Sequence[str]) -> bool:
+    return all("HOLD" in modes(events, name) for name in names)
+
+
+async def test_who_flies_somewhere_is_stopped_at_once() -> None:
     """It holds while no planner has said a word. On PX4 that is a mode, which the events tell in its order."""
     async with airborne([(0.0, 0.0), (0.0, 9.0)], 6.0, autopilot="px4") as fleet:
         session = open_session(SessionSettings(connect=[fleet.endpoint]))
-        events = Samples(session, keys.EVENT.key("demo", "*"))
-        flying = [asyncio.Event() for _ in fleet.names]
-        streams = [
-            asyncio.create_task(stream(fleet.z.vehicle(name), event))
-            for name, event in zip(fleet.names, flying, strict=True)
-        ]
-        await asyncio.wait_for(asyncio.gather(*(event.wait() for event in flying)), PATIENCE_S)
-        fake = FakePlanner(session, None) if planner == "slow" else None
-        order = FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order())
-        order.look = order.answer = PATIENCE_S  # a busy machine is no dead planner
-        task = asyncio.create_task(order.run())
-        await events.until(lambda: all("HOLD" in modes(events, name) for name in fleet.names), "hold of each")
-        assert not order.notes, "nobody has answered so far"
-        await asyncio.gather(*streams)
-        if fake is not None:
-            await fake.told("submit")
-            fake.close()
-        task.cancel()
+        for slow in (False, True):  # a planner that is silent; none at all
+            events = Samples(session, keys.EVENT.key("demo", "*"))
+            flying = [asyncio.Event() for _ in fleet.names]
+            streams = [
+                asyncio.create_task(stream(fleet.z.vehicle(name), event))
+                for name, event in zip(fleet.names, flying, strict=True)
+            ]
+            await asyncio.wait_for(asyncio.gather(*(event.wait() for event in flying)), PATIENCE_S)
+            fake = FakePlanner(session, None) if slow else None
+            order = FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order())
+            order.look = order.answer = PATIENCE_S  # a busy machine is no dead planner
+            task = asyncio.create_task(order.run())
+            await events.until(functools.partial(_held, events, fleet.names), "hold of each")
+            assert not order.notes, "nobody has answered so far"
+            await asyncio.gather(*streams)
+            if fake is not None:
+                await fake.told("submit")
+                fake.close()
+            task.cancel()
+            for name in fleet.names:
+                seen = modes(events, name)
+                assert seen[: seen.index("HOLD")][-1] == "OFFBOARD", "nothing came between its way and the hold"
+                assert "RTL" not in seen
         session.close()
-        for name in fleet.names:
-            seen = modes(events, name)
-            assert seen[: seen.index("HOLD")][-1] == "OFFBOARD", "nothing came between its way and the hold"
-            assert "RTL" not in seen
 
 
 async def test_the_planner_brings_home_who_was_stopped_for_it() -> None:

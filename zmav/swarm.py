@@ -21,7 +21,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.client import Answer, Client
+from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
 from zmav.services.orders.flight import DISARMED
 from zmav.vehicle import Vehicle
@@ -204,7 +204,10 @@ class FleetOrder:
     async def _return_planned(self, vehicles: list[Vehicle], stops: Sequence[asyncio.Task[None]]) -> None:
         """Raises :class:`ZmavError` where nobody flies it in time or to its end; who has landed by then is told of."""
         fleet, names = vehicles[0].fleet, [vehicle.name for vehicle in vehicles]
-        planner = self._planners[fleet] = await self._planner(fleet)
+        found = await planner_in_charge(self._z, fleet, self.look)  # by its own word
+        if found is None:
+            raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet)
+        planner = self._planners[fleet] = found[1]
         key = keys.FLEET.key(fleet, topic="goal")
         async with self._z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.Book, key)) as books:
             submit = swarm.Submit(goal=swarm.Return(vehicles=names), id=uuid.uuid4().hex)
@@ -263,20 +266,9 @@ class FleetOrder:
             result: dict[str, Any] = {"mode": state.mode, "armed": True}
             self._end(vehicle, "done", _home(vehicle, result), result=result)
 
-    async def _planner(self, fleet: str) -> str:
-        """Who is in charge there, by its own word."""
-        found = await planner_in_charge(self._z, fleet, self.look)
-        if found is None:
-            raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet)
-        return found[1]
-
     async def _ask(self, fleet: str, planner: str, verb: str, order: wire.Order) -> dict[str, Any]:
-        key = keys.SWARM.key(fleet, planner, verb=verb)
-        for answer in await self._z.ask(key, wire.encode_request(order), self.answer, keys.SWARM, lambda _: True):
-            if isinstance(answer, Answer):
-                return wire.decode(answer.payload, wire.Outcome, f"reply to {key}").result
-            raise answer
-        raise TimedOut(f"planner {planner} does not answer", planner=planner)
+        ends = time.monotonic() + self.answer
+        return await order_planner(self._z, fleet, planner, verb, order, answer_s=self.answer, silent=1, ends=ends)
 
     def _late(self, planner: str, last: swarm.GoalState | None, silent: bool) -> str:
         if last is None:

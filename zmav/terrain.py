@@ -155,11 +155,7 @@ class Terrain:
         self.kept, self.most = KEPT, MOST_STORED
         self._pieces: collections.OrderedDict[str, Piece | None] = collections.OrderedDict()
         self._lock, self._writing = threading.Lock(), threading.Lock()
-        self._empty = not self.names()
-
-    @property
-    def empty(self) -> bool:
-        return self._empty
+        self.empty = not self.names()
 
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
         if not (abs(lat_deg) < 90.0 and math.isfinite(lon_deg)):
@@ -198,7 +194,7 @@ class Terrain:
             part = self.folder / f"{name}.part"
             part.write_bytes(data)
             part.replace(self.folder / name)
-            self._empty = False
+            self.empty = False
             with self._lock:
                 self.faults.pop(name, None)
                 self._remember(name, piece)
@@ -209,7 +205,7 @@ class Terrain:
             names = self.names()
             for name in names:
                 (self.folder / name).unlink(missing_ok=True)
-            self._empty = True
+            self.empty = True
             with self._lock:
                 self.faults.clear()
                 self._pieces.clear()

@@ -197,16 +197,20 @@ class Play:
         names = matching(self.demo, wait.vehicles)
         heard: dict[str, str] = {}
 
-        def convert(sample: zenoh.Sample) -> None:
+        def convert(sample: zenoh.Sample) -> tuple[str, str]:
             status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
-            heard[str(sample.key_expr).split("/")[2]] = status.state
+            return str(sample.key_expr).split("/")[2], status.state
+
+        async def hear() -> None:
+            async for name, state in statuses:
+                heard[name] = state
 
         def missing() -> list[str]:
             return [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]
 
         key = keys.AGENT_STATUS.key(z.fleet_name, "*", agent=wait.agent or "none")
         async with z.subscribe(key, convert) as statuses:
-            reading = asyncio.create_task(_drain(statuses))
+            reading = asyncio.create_task(hear())
             try:
                 await self._until(lambda: not missing(), within, lambda: _late(wait, missing(), within))
             finally:
@@ -284,8 +288,3 @@ def _words_of(wait: Wait, names: list[str]) -> str:
 
 def _either(value: bool | None, yes: str, no: str) -> str:
     return "" if value is None else yes if value else no
-
-
-async def _drain(statuses: zmav.Subscription[None]) -> None:
-    async for _ in statuses:
-        pass

@@ -18,6 +18,8 @@ KNOT_EVERY, REST_EVERY, CLOSEST = 1.0, 2.5, 0.06
 """s between two points of a segment while moving and at rest, and at least"""
 NEAR = 0.02
 """m by which the curve between two points may leave the track's"""
+SHARES = np.array([[0.25], [0.5], [0.75]])
+"""of the time between two points, at which it is looked at"""
 DENSE = 0.1
 """s between the samples by which what will be flown is checked"""
 EASE = 0.5
@@ -300,15 +302,14 @@ def _thinned(times: Floats) -> Floats:
 
 
 def _filled(track: Track, profile: Profile, times: Floats) -> Floats:
-    found = [times[:1]]
-    for a, b in pairwise(times.tolist()):
-        count = int(np.ceil((b - a) / KNOT_EVERY))
-        fine = np.linspace(a, b, count + 1)
-        place, _ = track.at(profile.at(fine)[0])
-        if np.ptp(place, axis=0).max() < 1e-6:
-            fine = np.linspace(a, b, int(np.ceil((b - a) / REST_EVERY)) + 1)
-        found.append(fine[1:])
-    return np.concatenate(found)
+    fine = [np.linspace(a, b, int(np.ceil((b - a) / KNOT_EVERY)) + 1) for a, b in pairwise(times.tolist())]
+    begins = np.cumsum([0, *map(len, fine[:-1])])
+    place, _ = track.at(profile.at(np.concatenate(fine))[0])
+    moved = np.maximum.reduceat(place, begins) - np.minimum.reduceat(place, begins)
+    for n in np.flatnonzero(moved.max(axis=1) < 1e-6).tolist():
+        a, b = fine[n][[0, -1]].tolist()
+        fine[n] = np.linspace(a, b, int(np.ceil((b - a) / REST_EVERY)) + 1)
+    return np.concatenate((times[:1], *(each[1:] for each in fine)))
 
 
 def _rows(track: Track, profile: Profile, times: Floats) -> Floats:
@@ -321,12 +322,10 @@ def _rows(track: Track, profile: Profile, times: Floats) -> Floats:
 
 def _bend(track: Track, profile: Profile, rows: Floats) -> Floats:
     """(K - 1,): how far each cubic leaves the track, in m."""
-    worst = np.zeros(len(rows) - 1)
-    for share in (0.25, 0.5, 0.75):
-        t = rows[:-1, 0] + share * np.diff(rows[:, 0])
-        flown, _ = _hermite(rows[:, 0], rows[:, 1:4], rows[:, 4:7], t)
-        meant, _ = track.at(profile.at(t)[0])
-        worst = np.maximum(worst, np.linalg.norm(flown - meant, axis=1))
+    t = (rows[:-1, 0] + SHARES * np.diff(rows[:, 0])).ravel()
+    flown, _ = _hermite(rows[:, 0], rows[:, 1:4], rows[:, 4:7], t)
+    meant, _ = track.at(profile.at(t)[0])
+    worst: Floats = np.linalg.norm(flown - meant, axis=1).reshape(len(SHARES), -1).max(axis=0)
     return worst
 
 

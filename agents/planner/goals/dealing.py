@@ -114,8 +114,11 @@ class Dealer:
         paces = 1.0 / np.array([self._sweepers[i].width * self._sweepers[i].speed for i in order])
         shares, most = _shares(paces, np.ones(len(order))), endurance
         best: list[Part] | None = None
+        cuts: list[float] = []
         for _ in range(ROUNDS):
-            cuts = np.interp(np.concatenate(([0.0], np.cumsum(shares))) * below[-1], below, places).tolist()
+            before, cuts = cuts, np.interp(np.append(0.0, np.cumsum(shares)) * below[-1], below, places).tolist()
+            if cuts == before:
+                break  # as for one alone
             made = {i: self._part(i, axis, cuts[k], cuts[k + 1], 0 if along else None) for k, i in enumerate(order)}
             parts = [part for _, part in sorted(made.items()) if part is not None]
             if len(parts) < len(order):

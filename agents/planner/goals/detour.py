@@ -22,7 +22,8 @@ class Detours:
         inner = area.buffer(-HUG, join_style="mitre")
         corners = shapely.get_coordinates(inner.simplify(HUG / 2.0)) if not inner.is_empty else np.zeros((0, 2))
         self._corners: Floats = np.unique(np.round(corners, 6), axis=0)
-        self._between: Floats | None = None
+        self._far: Floats | None = None
+        """(N, N) metres from each corner to each, with what comes before the last on the way"""
 
     def clear(self, here: Floats, there: Floats) -> bool:
         """Whether the straight way stays within."""
@@ -32,17 +33,22 @@ class Detours:
         """(K, 2) from here to there; None where the area has no way."""
         if self.clear(here, there):
             return np.vstack((here, there))
-        if self._between is None:
-            self._between = self._seen(self._corners, self._corners)
-        ends = np.vstack((here, there))
-        nodes = np.vstack((self._corners, ends))
-        count = len(self._corners)
-        seen = np.full((count + 2, count + 2), np.inf)
-        seen[:count, :count] = self._between
-        seen[count:, :count] = self._seen(ends, self._corners)
-        seen[:count, count:] = seen[count:, :count].T
-        chain = _shortest(seen, count, count + 1)
-        return None if chain is None else nodes[chain]
+        if not len(self._corners):
+            return None
+        if self._far is None:
+            from scipy.sparse.csgraph import dijkstra  # takes long to import and is seldom needed
+
+            between = self._seen(self._corners, self._corners)
+            self._far, self._before = dijkstra(np.where(np.isfinite(between), between, 0.0), return_predecessors=True)
+        out, back = self._seen(np.vstack((here, there)), self._corners)
+        whole = out[:, None] + self._far + back
+        if not np.isfinite(whole).any():
+            return None
+        first, last = divmod(int(np.argmin(whole)), len(back))
+        chain = [last]
+        while chain[-1] != first:
+            chain.append(int(self._before[first, chain[-1]]))
+        return np.vstack((here, self._corners[chain[::-1]], there))
 
     def _seen(self, some: Floats, others: Floats) -> Floats:
         """(N, M) metres from each to each, inf where something is between."""
@@ -52,16 +58,3 @@ class Detours:
         lines = shapely.linestrings(pairs)
         lengths = np.linalg.norm(pairs[:, :, 0] - pairs[:, :, 1], axis=2)
         return np.where(shapely.covers(self._area, lines), lengths, np.inf)
-
-
-def _shortest(lengths: Floats, start: int, end: int) -> list[int] | None:
-    """The indices from start to end."""
-    from scipy.sparse.csgraph import dijkstra
-
-    far, before = dijkstra(np.where(np.isfinite(lengths), lengths, 0.0), indices=start, return_predecessors=True)
-    if not np.isfinite(far[end]):
-        return None
-    chain = [end]
-    while chain[-1] != start:
-        chain.append(int(before[chain[-1]]))
-    return chain[::-1]

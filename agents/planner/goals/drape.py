@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
 
 from agents.planner.goals.curves import lengths_of
 from agents.planner.model.ground import Floor
@@ -45,6 +44,8 @@ class Drape:
             levels[near] = np.maximum(levels[near], levels[near] if lowest is None else lowest)
         step = float(along[-1]) / max(len(path) - 1, 1)
         if 0.0 < step < WINDOW / 4.0:
+            from scipy import ndimage  # takes long to import and is seldom needed
+
             reach = int(np.ceil(WINDOW / step))
             levels = ndimage.maximum_filter1d(levels, 2 * reach + 1, mode="nearest")
             for _ in range(2):

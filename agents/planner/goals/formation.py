@@ -201,7 +201,7 @@ def _in_shape(
     up = PlanTo(names, slots.at_own_height(views, first[order]), True, f"forming a {text}")
     last = slots.at_own_height(views, placed(slotted, waypoints[-1], courses[1]))
     down = PlanTo(names, last, True, f"{text} to its end, not in shape")
-    members = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views))
+    members = FormationMembers(slotted, np.array(radii), slots.limits_of(views))
     moved = _moved(waypoints, courses, members, views, static)
     if moved is None:
         return [up, down]

@@ -48,16 +48,22 @@ def lanes_over(part: Any, width: float, free: Any) -> list[Lane]:
     high = (top - bottom) / rows
     lows = bottom + high * np.arange(rows)
     strips = shapely.intersection(part, shapely.box(left - 1.0, lows, right + 1.0, lows + high))
-    found = []
-    for row, strip in enumerate(strips):
-        y = float(lows[row] + high / 2.0)
-        spans = [piece.bounds for piece in shapely.get_parts(strip) if piece.area > CRUMB * CRUMB]
-        whole = shapely.union_all([shapely.linestrings([[b[0], y], [b[2], y]]) for b in spans])
-        for piece in shapely.get_parts(shapely.line_merge(shapely.intersection(whole, free))):
-            ends = shapely.get_coordinates(piece)
-            if len(ends) > 1 and float(np.ptp(ends[:, 0])) >= CRUMB:
-                found.append(Lane(row, y, float(ends[:, 0].min()), float(ends[:, 0].max())))
-    return found
+    pieces, of = shapely.get_parts(strips, return_index=True)
+    large = shapely.area(pieces) > CRUMB * CRUMB
+    spans, of = shapely.bounds(pieces[large]), of[large]
+    if not len(of):
+        return []
+    middles = lows + high / 2.0
+    passes = shapely.linestrings(np.stack((spans[:, [0, 2]], np.repeat(middles[of, None], 2, axis=1)), axis=2))
+    numbers, group = np.unique(of, return_inverse=True)
+    whole = shapely.intersection(shapely.multilinestrings(passes, indices=group), free)
+    lines, of = shapely.get_parts(shapely.line_merge(whole), return_index=True)
+    ends = shapely.bounds(lines)[:, [0, 2]].tolist()
+    return [
+        Lane(row, y, low, far)
+        for row, y, (low, far) in zip(numbers[of].tolist(), middles[numbers[of]].tolist(), ends, strict=True)
+        if far - low >= CRUMB
+    ]
 
 
 def cells_of(lanes: list[Lane]) -> list[list[Lane]]:
@@ -94,19 +100,17 @@ def tour(lanes: list[Lane], start: Floats, ways: Detours, corner: int | None) ->
     None where a cell cannot be reached from another.
     """
     left = cells_of(lanes)
-    path, here, first = np.zeros((0, 2)), start, True
+    path: list[Floats] = []
+    here = start
     while left:
-        options = []
-        for cell in left:
-            corners = range(CORNERS) if corner is None or not first else [corner]
-            legs = [to_and_fro(cell, c) for c in corners]
-            options += [(float(np.linalg.norm(leg[0] - here)), k, cell, leg) for k, leg in enumerate(legs)]
-        _, _, cell, leg = min(options, key=lambda option: option[:2])
-        for point in leg:
-            way = ways.way(path[-1], point) if len(path) else None
-            if len(path) and way is None:
+        corners = range(CORNERS) if corner is None or path else [corner]
+        firsts = [(to_and_fro(cell[-1:] if c & 2 else cell[:1], c)[0], c, cell) for cell in left for c in corners]
+        _, first, cell = min(firsts, key=lambda each: (float(np.linalg.norm(each[0] - here)), each[1]))
+        for begin, end in to_and_fro(cell, first).reshape(-1, 2, 2):
+            way = ways.way(path[-1], begin) if path else begin[None]
+            if way is None:
                 return None
-            path = np.vstack((path, point[None] if way is None else way[1:]))
+            path += [*way[1 if path else 0 :], end]  # nothing stands in a lane
         left = [other for other in left if other is not cell]
-        here, first = path[-1], False
-    return path
+        here = path[-1]
+    return np.array(path).reshape(-1, 2)

@@ -30,10 +30,6 @@ def limits_of(views: Sequence[VehicleView]) -> Limits:
     return Limits(speed, accel, np.minimum(column("climb"), speed), np.minimum(column("descend"), speed))
 
 
-def radii_of(views: Sequence[VehicleView]) -> Floats:
-    return np.array([view.body.radius for view in views], dtype=np.float64)
-
-
 def rooms_of(views: Sequence[VehicleView]) -> list[float]:
     """m of each one's radius that are for what its position may be off."""
     return [view.room for view in views]

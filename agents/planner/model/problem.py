@@ -66,7 +66,6 @@ class Problem:
     heading: Floats
     """planes' first heading, radians counter-clockwise from east; NaN for others"""
     downwash: float
-    tolerance: float
     time_limit: float
     """s; inf: none"""
     movers: tuple[MovingObstacle, ...] = ()
@@ -96,7 +95,6 @@ def problem_of(scene: Scene, goals: Sequence[int] | None = None, movers: Sequenc
         vmin=column([v.vmin or 0.0 for v in vehicles]),
         heading=np.radians(column([np.nan if v.start_heading_deg is None else v.start_heading_deg for v in vehicles])),
         downwash=scene.downwash,
-        tolerance=scene.goal_tolerance,
         time_limit=np.inf if scene.time_limit is None else scene.time_limit,
         movers=tuple(movers),
     )

@@ -1,7 +1,7 @@
 """What stands still, made ready for many searches, and kept warm from plan to plan for as long as it stays the same.
 
 A way is looked for as a straight line first, then on a coarse lattice, which nearly always has one, then by samples,
-and then on ever finer lattices.
+and then on ever finer lattices: on these before, from an end that is walled in.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ MOST_LATTICES = 16
 """kept at a time"""
 FIRST_LOOK, MOST_LOOKS = 20_000, 200_000
 """expansions of the first search, 20 to 70 ms, and of any other one: half a second"""
+FEW_LOOKS = 2_000
+"""of one that tells whether an end is walled in"""
 FINEST = 0.5
 """radii between the lines of the finest lattice: where all of that was looked at, there is no way"""
 WEIGHT = 1.1
@@ -148,21 +150,54 @@ class StaticMap:
     def _path(
         self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline | None
     ) -> Path | None:
-        """A search that ends soon, or else samples, which come through slots that no line of a lattice lies in, and
-        longer searches, on finer lattices; what is found is shortened. ``until`` None: the first of these only.
+        """A search that ends soon, or else all of that lattice; then samples, which come through slots that no line of
+        a lattice lies in, and searches on finer lattices; what is found is shortened. ``until`` None: the first only.
         """
         world, start, goal = self.world, ends[0], ends[1]
-        path, done = self._layer(0, radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
-        if path is None and until is not None and not until.over and height is None:
-            path = sampled.find(world, start, goal, radius, until.within(until.left() / 4.0))
-        level = 1 if done else 0
-        while path is None and until is not None and not until.over:
-            layer = self._layer(level, radius, height)
-            path, done = layer.search(world, start, goal, rates, 2, MOST_LOOKS)
-            level, more = level + 1, 8 if height is None else 4
-            if layer.lines.size * more > MOST_POINTS or (done and layer.spacing < FINEST * radius):
-                break
+        first = self._layer(0, radius, height)
+        path, done = first.search(world, start, goal, rates, 1, FIRST_LOOK)
+        if path is None and until is not None and not until.over:
+            path, none = self._out(ends, radius, rates, height, until)
+            if path is None and not none and not done:  # the rest of it takes less than samples do
+                path, _ = first.search(world, start, goal, rates, 2, MOST_LOOKS)
+            if path is None and height is None:
+                path = sampled.find(world, start, goal, radius, until.within(until.left() / 4.0))
+            if path is None and not none:
+                path, _ = self._finer(ends, radius, rates, height, until)
         return None if path is None else shorten.shorten(world, path, radius, rates, SWEEPS)
+
+    def _out(
+        self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline
+    ) -> tuple[Path | None, bool]:
+        """A way from an end that is walled in, where there is little to look at, however fine the lattice; and whether
+        the finest has none.
+        """
+        layer = self._layer(0, radius, height)
+        path: Path | None = None
+        none, fine = False, layer.spacing < FINEST * radius
+        for way, speeds in ((ends[::-1], rates[[0, 2, 1]]), (ends, rates)):
+            path, done = layer.search(self.world, way[0], way[1], speeds, 2, FIRST_LOOK if fine else FEW_LOOKS)
+            if path is None and done:
+                path, none = (None, True) if fine else self._finer(way, radius, speeds, height, until)
+            if path is not None or none:
+                break
+        if path is not None and (path[-1] == ends[0]).all():
+            path = path[::-1].copy()
+        return path, none
+
+    def _finer(
+        self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline
+    ) -> tuple[Path | None, bool]:
+        """A way by ever finer lattices than the first; and whether the finest that is needed has none."""
+        level = 1
+        while not until.over:
+            layer = self._layer(level, radius, height)
+            path, done = layer.search(self.world, ends[0], ends[1], rates, 2, MOST_LOOKS)
+            none, more = path is None and done and layer.spacing < FINEST * radius, 8 if height is None else 4
+            if path is not None or none or layer.lines.size * more > MOST_POINTS:
+                return path, none
+            level += 1
+        return None, False
 
     def _layer(self, level: int, radius: float, height: float | None) -> Layer:
         key = (level, radius, height)

@@ -11,6 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import shapely
+
 from zmav.errors import BadInput
 from zmav.wire import Vector
 from zmav.wire.swarm import Body
@@ -123,21 +125,5 @@ def _gap(a: Body, b: Body, downwash: float) -> float:
 def _near(a: Circling, b: Circling) -> bool:
     """Whether the ways over the ground, circles at both ends included, come near each other."""
     keep = sum(2.0 * loiter_radius(one.body) + one.body.radius + ASIDE for one in (a, b))
-    return _between(a.pos_ned, a.goal_ned, b.pos_ned, b.goal_ned) < keep
-
-
-def _between(p: Vector, q: Vector, u: Vector, v: Vector) -> float:
-    """m over the ground between the straight lines p-q and u-v."""
-
-    def turn(a: Vector, b: Vector, c: Vector) -> float:
-        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-    def away(c: Vector, a: Vector, b: Vector) -> float:
-        dx, dy = b[0] - a[0], b[1] - a[1]
-        share = ((c[0] - a[0]) * dx + (c[1] - a[1]) * dy) / max(dx * dx + dy * dy, 1e-12)
-        share = min(1.0, max(0.0, share))
-        return math.hypot(c[0] - a[0] - share * dx, c[1] - a[1] - share * dy)
-
-    if turn(p, q, u) * turn(p, q, v) < 0.0 and turn(u, v, p) * turn(u, v, q) < 0.0:
-        return 0.0
-    return min(away(p, u, v), away(q, u, v), away(u, p, q), away(v, p, q))
+    one, other = (shapely.linestrings([each.pos_ned[:2], each.goal_ned[:2]]) for each in (a, b))
+    return bool(shapely.distance(one, other) < keep)

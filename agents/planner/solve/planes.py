@@ -68,11 +68,10 @@ class Plane:
     def _flown(self, legs: Floats, cap: float) -> Iterator[Motion]:
         """The motion of a way whose curve is clear: once more checked as it is sampled."""
         motion = np.round(fly(self._pose, legs, self.wings, cap), 6)
-        if len(motion) and motion[-1, 0] <= self._limit and self._clear_motion(motion):
+        if not len(motion) or motion[-1, 0] > self._limit:
+            return
+        if motion_clear(self._world, self._posts, self._squash, motion, self.wings.radius - SLACK / 2.0):
             yield motion
-
-    def _clear_motion(self, motion: Motion) -> bool:
-        return motion_clear(self._world, self._posts, self._squash, motion, self.wings.radius - SLACK / 2.0)
 
     def _clear(self, legs: Floats) -> bool:
         clear = way_clear(self._world, self._posts, self._squash, self._pose, legs, self.wings.radius)

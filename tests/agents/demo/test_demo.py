@@ -22,6 +22,22 @@ from zmav.process import free_port
 
 PATIENCE_S = 60.0
 Demo = subprocess.Popen[str]
+ALONE = """
+[origin]
+lat_deg = -35.363261
+lon_deg = 149.165230
+alt_amsl = 584.09
+[vehicles.quad1]
+link = "tcp:127.0.0.1:5760"
+[vehicles.quad1.sim]
+[demo]
+title = "one that stands"
+[[demo.steps]]
+pause = 600.0
+[[demo.steps]]
+start = "zmav swarm planner --interpret"
+"""
+"""a fleet that starts in a third of the time that the usual one takes"""
 
 
 @pytest.fixture
@@ -48,6 +64,14 @@ def start_demo() -> Iterator[Callable[..., Demo]]:
         if demo.poll() is None:
             os.killpg(demo.pid, signal.SIGKILL)
         demo.communicate()
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> str:
+    """Where the fleet of one is."""
+    path = tmp_path / "alone.toml"
+    path.write_text(ALONE)
+    return str(path)
 
 
 def children(demo: Demo) -> dict[str, int]:
@@ -114,14 +138,12 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
     assert alive(pids) == set()
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["sim", "quad2"],
-    ids=["simulator killed", "router killed"],
-)
-def test_a_process_that_dies_ends_it_with_words(start_demo: Callable[..., Demo], name: str) -> None:
-    demo = start_demo()
-    pids = wait_for_children(demo, *EVERYONE)
+@pytest.mark.parametrize("name", ["sim", "quad1"], ids=["simulator killed", "router killed"])
+def test_a_process_that_dies_ends_it_with_words(
+    start_demo: Callable[..., Demo], alone: str, tmp_path: Path, name: str
+) -> None:
+    demo = start_demo(alone, "--out", str(tmp_path))
+    pids = wait_for_children(demo, "quad1", "router", "sim", "record")
     os.kill(pids[name], signal.SIGKILL)
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1, out
@@ -132,10 +154,10 @@ def test_a_process_that_dies_ends_it_with_words(start_demo: Callable[..., Demo],
 
 @pytest.mark.parametrize(("number", "code", "stay"), [(signal.SIGTERM, 143, False), (signal.SIGINT, 130, True)])
 def test_it_can_be_ended_at_any_time(
-    start_demo: Callable[..., Demo], tmp_path: Path, number: int, code: int, stay: bool
+    start_demo: Callable[..., Demo], alone: str, tmp_path: Path, number: int, code: int, stay: bool
 ) -> None:
     more = ["--stay", "--endpoint", f"tcp/127.0.0.1:{free_port()}"] if stay else ["--out", str(tmp_path)]
-    demo = start_demo(*more)
+    demo = start_demo(alone, *more)
     pids = wait_for_children(demo, "quad1", "sim", "router", *(("swarm",) if stay else ()))
     demo.send_signal(number)
     out, _ = demo.communicate(timeout=PATIENCE_S)
@@ -145,17 +167,19 @@ def test_it_can_be_ended_at_any_time(
     assert alive(pids) == set()
 
 
-def test_a_port_in_use_ends_it_with_words(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
+def test_a_port_in_use_ends_it_with_words(start_demo: Callable[..., Demo], alone: str, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        demo = start_demo("--endpoint", f"tcp/127.0.0.1:{taken.getsockname()[1]}", "--out", str(tmp_path))
+        demo = start_demo(alone, "--endpoint", f"tcp/127.0.0.1:{taken.getsockname()[1]}", "--out", str(tmp_path))
         out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1
     assert "FAILED: ground ended with 1" in out
     assert "is in use by another program" in out
 
 
-def test_an_endpoint_that_is_none_ends_it_with_words(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
-    demo = start_demo("--endpoint", "here", "--out", str(tmp_path))
+def test_an_endpoint_that_is_none_ends_it_with_words(
+    start_demo: Callable[..., Demo], alone: str, tmp_path: Path
+) -> None:
+    demo = start_demo(alone, "--endpoint", "here", "--out", str(tmp_path))
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1
     assert "<protocol>/<address>" in out

@@ -211,13 +211,14 @@ CLOSED: dict[str, tuple[Code, list[str], Callable[[Raw], None]]] = {
     ),
     "a wall from end to end": (
         "unreachable",
-        [f"v{k:03d}" for k in range(6)],
-        _also({"type": "box", "min": [20, -60, 0], "max": [22, 60, 40]}),
-    ),
-    "a crack under a wall": (
-        "unreachable",
-        [f"v{k:03d}" for k in range(6)],
-        _also({"type": "box", "min": [20, -60, 0.9], "max": [22, 60, 40]}),
+        ["v000", "v001"],
+        _all(
+            _also({"type": "box", "min": [20, -60, 0], "max": [22, 60, 40]}),
+            _without("vehicles", 5),
+            _without("vehicles", 4),
+            _without("vehicles", 3),
+            _vehicle(2, goal=[-45, 56, 10]),
+        ),
     ),
 }
 """what the map has to find"""

@@ -80,13 +80,15 @@ def test_a_segment_is_clear_where_each_of_its_points_is(count: int, radius: floa
     for _ in range(8):
         obstacles = anything(rng, count)
         world = world_of(scene(*obstacles))
+        ends = []
         for _ in range(25):
             e = world.solids[rng.integers(count)]
             near, way = rng.uniform(e[:3] - 3.0, e[3:6] + 3.0), rng.normal(0.0, rng.choice([1.0, 10.0]), 3)
-            start, end = np.clip([near - way, near + rng.uniform(0, 1) * way], (-60, -60, 0), (60, 60, 40))
-            points = line(start, end)
-            least = min(distance_to(o, points).min() for o in obstacles)
-            step = math.dist(start, end) / (len(points) - 1)
+            ends.append(np.clip([near - way, near + rng.uniform(0, 1) * way], (-60, -60, 0), (60, 60, 40)))
+        lines = np.array([line(start, end) for start, end in ends])
+        away = np.min([distance_to(o, lines.reshape(-1, 3)) for o in obstacles], axis=0).reshape(lines.shape[:2])
+        for (start, end), least in zip(ends, away.min(axis=1), strict=True):
+            step = math.dist(start, end) / (lines.shape[1] - 1)
             verdict = geometry.segment_clear(world, start, end, radius)
             verdicts.append(verdict)
             if least < radius:

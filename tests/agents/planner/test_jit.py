@@ -38,23 +38,32 @@ def test_a_change_in_any_kernel_changes_the_fingerprint_and_no_other_change_does
     assert len({before, changed, jit.fingerprint(tmp_path)}) == 3
 
 
-def test_what_was_compiled_is_not_used_after_a_kernel_in_another_file_has_changed(tmp_path: Path) -> None:
+def test_two_processes_keep_both_kinds_of_a_kernel_until_one_in_another_file_changes(tmp_path: Path) -> None:
+    """Numba reads its index of them, adds to it and writes it again; and it looks at a kernel's own file only."""
     package = tmp_path / "kernels_of_a_test"
     package.mkdir()
     (package / "caller.py").write_text(CALLER.format(name=package.name))
+    (package / "called.py").write_text(CALLED)
     program = (
         "import sys; from pathlib import Path; from agents.planner.solve import jit\n"
         f"sys.path.insert(0, {str(tmp_path)!r}); jit.PACKAGE = Path({str(package)!r})\n"
         f"from {package.name}.caller import outer\n"
-        "print(outer(1.0), sum(outer.stats.cache_hits.values()))"
+        "print(*(outer(eval(given)) for given in sys.argv[1:]), sum(outer.stats.cache_hits.values()))"
     )
-    said = []
-    for text in (CALLED, CALLED, CALLED.replace("1.0", "2.0")):
-        (package / "called.py").write_text(text)
+
+    def start(*given: str) -> subprocess.Popen[str]:
         # -B: Python itself takes two sources of one size and second for the same.
-        run = subprocess.run([sys.executable, "-B", "-c", program], capture_output=True, text=True, check=True)
-        said.append(run.stdout.split())
-    assert said == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
+        command = [sys.executable, "-B", "-c", program, *given]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def said(process: subprocess.Popen[str]) -> list[str]:
+        return process.communicate()[0].split()
+
+    both = [start("1"), start("1.0")]
+    assert list(map(said, both)) == [["2.0", "0"], ["2.0", "0"]]
+    assert said(start("1", "1.0")) == ["2.0", "2.0", "2"]
+    (package / "called.py").write_text(CALLED.replace("1.0", "2.0"))
+    assert said(start("1.0")) == ["3.0", "0"]
 
 
 @pytest.fixture
@@ -147,30 +156,6 @@ def test_all_kernels_are_compiled_before_a_first_plan() -> None:
     warm()
     done, of = jit.progress()
     assert done == of > 70
-
-
-def test_two_processes_that_compile_one_kernel_keep_both_of_its_kinds(tmp_path: Path) -> None:
-    """Numba reads its index of them, adds to it and writes it again."""
-    package = tmp_path / "kernels_of_a_test"
-    package.mkdir()
-    (package / "called.py").write_text(CALLED)
-    program = (
-        "import sys, time; from pathlib import Path; from agents.planner.solve import jit\n"
-        f"sys.path.insert(0, {str(tmp_path)!r}); jit.PACKAGE = Path({str(package)!r})\n"
-        f"from {package.name}.called import inner\n"
-        "kind = sys.argv[1]; inner(1 if kind == 'int' else 1.0); print(*map(str, inner.signatures))"
-    )
-    both = [
-        subprocess.Popen([sys.executable, "-c", program, kind], stdout=subprocess.PIPE, text=True)
-        for kind in ("int", "float")
-    ]
-    assert [process.communicate()[0].split() for process in both] == [["(int64,)"], ["(float64,)"]]
-    again = (
-        program.replace("inner(1 if kind == 'int' else 1.0)", "assert inner(1) == inner(1.0) == 2.0")
-        + "; print(sum(inner.stats.cache_hits.values()))"
-    )
-    run = subprocess.run([sys.executable, "-c", again, ""], capture_output=True, text=True, check=True)
-    assert run.stdout.split()[-1] == "2"
 
 
 def test_a_kernel_is_compiled_once_for_all_integers_that_others_call_it_with(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from agents.planner.model import geometry
 from agents.planner.model.deadline import Deadline
 from agents.planner.model.problem import ROVER, Floats, Path
-from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Scene
+from agents.planner.model.scene import Bounds, Box, Corner, Fence, NoFly, Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.world import World, world_of
 from agents.planner.solve.paths import lattice, sampled, shorten
@@ -164,3 +165,29 @@ def test_a_sampled_way_is_clear() -> None:
 def test_no_sampled_way_is_made_up() -> None:
     there = world(*cell(9, 12))
     assert sampled.find(there, point(40, 0, 10), point(1, 2, 5), 1.0, Deadline.after(0.1)) is None
+
+
+def tent(slot: float) -> list[Obstacle]:
+    """Four walls and a roof about the origin, aslant to every line of a lattice; one wall has a slot."""
+    corners = np.array([(12.0, 0.0), (0.0, 12.0), (-12.0, 0.0), (0.0, -12.0), (12.0, 0.0)])
+    middle, along = 0.7 * corners[0] + 0.3 * corners[1], slot / 2.0 * np.array([-1.0, 1.0]) / math.sqrt(2.0)
+    sides = [(corners[0], middle - along), (middle + along, corners[1]), *itertools.pairwise(corners[1:])]
+    rings: list[list[Corner]] = [[(x, y) for x, y in (a, b, 1.1 * b, 1.1 * a)] for a, b in sides]
+    return [
+        *(NoFly(polygon=ring, floor=0, ceiling=12) for ring in rings),
+        Box(min=(-14, -14, 12), max=(14, 14, 13)),
+    ]
+
+
+@pytest.mark.parametrize("inside", [0, 1], ids=["start", "goal"])
+def test_out_of_what_an_end_is_walled_in_by_or_at_once_no_way(inside: int) -> None:
+    """A minute is given: there is little to look at from that end, whichever it is."""
+    for slot, leads in ((2.3, True), (1.9, False)):
+        there, until = world(*tent(slot), size=LAND), Deadline.after(60.0)
+        ends = [point(1, 2, 0.5), point(180, 20, 0.5)][:: 1 if inside == 0 else -1]
+        path = StaticMap(there).path(ends[0], ends[1], 1.0, ROVER, until=until)
+        assert until.processor - time.thread_time() > 55.0
+        if leads:
+            assert_clear(there, path, ends[0], ends[1], 1.0)
+        else:
+            assert path is None

@@ -23,7 +23,7 @@ from agents.planner.model.plans import Plan, read_plan
 from agents.planner.model.scene import Scene, read_scene
 from agents.planner.solve import jit, warm
 from tests.agents.planner import checker
-from tests.agents.planner.broken import broken
+from tests.agents.planner.broken import CLOSED, broken
 from tests.agents.planner.flights import straight_plan
 from tests.agents.planner.generate import as_json, formation, swap_circle
 from zmav.errors import BadConfig, BadInput
@@ -83,11 +83,12 @@ def test_a_plan_is_written_shown_and_told(scene: Path, tmp_path: Path) -> None:
 @pytest.mark.skipif(
     jit.interpreted() or jit.folder() is None or (os.cpu_count() or 1) < 2, reason="nothing is compiled beside"
 )
-def test_a_first_plan_does_not_wait_for_the_compiler(scene: Path, tmp_path: Path) -> None:
+def test_a_first_plan_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
     """Here nothing is ever compiled: what would be is locked, and told to be there at the end."""
     kept, plans = tmp_path / cast(Path, jit.folder()).name, tmp_path / "plans"
     kept.mkdir()
-    scenes = [scene, write(tmp_path / "ring.json", as_json(formation(5)))]
+    small = {"swap.json": swap_circle(3), "ring.json": formation(2)}
+    scenes = [write(tmp_path / name, as_json(scene)) for name, scene in small.items()]
     command = [sys.executable, "-m", "zmav", "plan", *map(str, scenes), "-o", str(plans), "--json"]
     command += ["--picture", str(plans)]
     with contextlib.ExitStack() as held:
@@ -135,8 +136,7 @@ def test_several_are_planned_and_the_broken_one_is_named(scene: Path, tmp_path: 
 
 @pytest.mark.usefixtures("hasty")
 def test_walled_in_vehicles_are_all_named(tmp_path: Path) -> None:
-    names = ("a goal in a cell and a start in another", "a wall from end to end")
-    cases = {name.replace(" ", "_"): broken(name) for name in names}
+    cases = {name.replace(" ", "_"): broken(name) for name in CLOSED}
     paths = [write(tmp_path / f"{name}.json", scene) for name, (scene, _, _) in cases.items()]
     zmav_plan(*paths, "-o", tmp_path / "plans", ok=False)
     for name, (_, code, ids) in cases.items():

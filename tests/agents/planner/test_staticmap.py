@@ -107,6 +107,7 @@ def gapped(gap: float) -> Scene:
     return Scene(vehicles=[one], obstacles=walls, bounds=bounds)
 
 
+@pytest.mark.usefixtures("hasty")
 def test_a_way_is_missing_for_certain_or_for_lack_of_time() -> None:
     """Through a window that is too narrow, and through one that is wide enough, but not where anybody looks first."""
     problem, there = problem_of(gapped(1.9)), StaticMap(world_of(gapped(1.9)))

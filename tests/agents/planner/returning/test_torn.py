@@ -12,7 +12,7 @@ import pytest
 
 from agents.planner.execute.following import Following
 from agents.planner.model.problem import Motion
-from tests.agents.planner.execute.virtual import carousel, crossing, line, slower
+from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 from tests.agents.planner.returning.torn import AFTER, HomeHistory, Torn
 
 
@@ -25,6 +25,13 @@ def plan(seed: int) -> dict[str, Motion]:
 
 def ended(history: HomeHistory) -> bool:
     return history.conductor.phase(history.now) in ("done", "stuck", "halted")
+
+
+def down(history: History) -> bool:
+    """All that were ever told to go somewhere stand on the ground: nothing happens any more."""
+    assert isinstance(history, HomeHistory)
+    told = [craft for craft in history.homers.values() if craft.segment is not None]
+    return bool(told) and all(craft.place(history.now)[2] == 0.0 for craft in told)
 
 
 def moments(history: HomeHistory, rng: np.random.Generator, lands: float = 0.0, most: float = 200.0) -> list[Torn]:
@@ -105,7 +112,7 @@ def test_torn_in_two_halves_with_different_ages_of_the_plan(seed: int, age: floa
     history.run(age)
     assert history.torn(rng).least > 0.0
     history.alive = False
-    history.run(150.0)
+    history.run(150.0, down)
     assert history.least() > 0.0
     assert all(craft.place(history.now)[2] == 0.0 for craft in history.homers.values())
 
@@ -117,7 +124,7 @@ def test_a_planner_that_dies_while_it_sends(seed: int) -> None:
     history = HomeHistory(plan(seed), rng, loss=0.4, delay=(0.05, 3.0))
     history.run(float(rng.uniform(1.0, 12.0)))
     history.alive = False
-    history.run(160.0)
+    history.run(160.0, down)
     assert history.least() > 0.0
     assert all(craft.place(history.now)[2] == 0.0 for craft in history.homers.values() if craft.segment is not None)
 
