@@ -260,7 +260,7 @@ async def test_pilot_takes_over(flight: Flight) -> None:
 async def test_fly_a_mission(flight: Flight) -> None:
     """A short mission is flown to its last item."""
     await flight.under_way()
-    await flight.vehicle.missions.upload(round_trip(flight, 4))
+    await flight.vehicle.missions.upload(round_trip(flight, 3))
     seen: list[Any] = []
     with flight.hurried():
         await flight.vehicle.missions.start(first=1, wait_end=True, progress=seen.append)

@@ -16,13 +16,14 @@ from typing import NamedTuple
 
 import zmav
 from tests.cli.conftest import PLACE, Process
+from tests.failsafe.conftest import PX4_QUICKLY_DOWN
 from tests.ports import free_udp_ports
 from zmav.mavlink import Packer, load_dialect
 from zmav.process import free_port
 from zmav.services.authority import leader
 from zmav.sim import SimVehicle, VehicleSpec, VehicleStatus, World
 
-SPEED = 6.0
+SPEED, BEATING_SPEED = 6.0, 2.0
 FAR = (600.0, 0.0, -8.0)
 
 
@@ -112,14 +113,15 @@ async def test_a_far_target_is_given_as_a_near_one_and_with_the_parameters_set_i
 
 async def test_the_bridge_that_a_ground_station_beats_through() -> None:
     """It is killed with the vehicle in the air: to the autopilot the ground station is lost, and that is watched."""
-    timeout = 3 * SPEED
+    timeout = 3 * BEATING_SPEED
     port = free_udp_ports(1)
     async with flight(VehicleSpec(params={"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": timeout})) as f:
+        f.world.set_speed(BEATING_SPEED)  # nothing is flown while programs start and the station is patient
         gcs = Process(sys.executable, "-m", "zmav", "gcs", "--udpin", str(port), "-e", f.endpoint)
         beating = asyncio.create_task(beat(port))
         try:
             await asyncio.to_thread(gcs.expect, "is 255/190")
-            patient = f.world.time_s + timeout + 10.0
+            patient = f.world.time_s + 2.0 * timeout
             await f.see("time", lambda s: f.world.time_s > patient)
             assert f.sim.status().mode == "GUIDED", "the station was heard all the time"
             gcs.popen.kill()
@@ -140,7 +142,7 @@ async def beat(port: int) -> None:
 
 
 async def test_px4_leaves_offboard_by_itself() -> None:
-    spec = VehicleSpec(autopilot="px4", params={"COM_OBL_RC_ACT": 4})
+    spec = VehicleSpec(autopilot="px4", params={"COM_OBL_RC_ACT": 4, **PX4_QUICKLY_DOWN})
     async with flight(spec) as f:
         await f.stream(until=2.0)
         await f.see("landing", lambda s: not s.armed, sim_s=400.0)

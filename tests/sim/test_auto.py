@@ -40,8 +40,11 @@ def done(desk: Desk, seq: int, within: float = 60.0) -> float:
 
 
 def aloft(desk: Desk, plan: list[dict[str, object]]) -> None:
-    """Fly the plan until its takeoff is over."""
-    fly(desk, [UP, *plan])
+    """Fly the plan, from where its takeoff ends on."""
+    desk.until(lambda: desk.vehicle.copter.position_ok)
+    assert upload(desk, [UP, *plan]) == ACCEPTED
+    desk.put_up(5.0)
+    assert desk.command(SET_MODE, 1, AUTO) == ACCEPTED
     # A command that is done at once takes the takeoff's place in what is reported.
     desk.until(lambda: bool(reached(desk)))
 

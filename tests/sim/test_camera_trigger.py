@@ -46,7 +46,7 @@ def test_without_a_camera_the_command_is_accepted_and_nothing_comes_of_it(desk: 
 def test_pictures_as_far_apart_as_asked_until_there_shall_be_no_more(make_desk: MakeDesk) -> None:
     desk = make_desk([VehicleSpec(params=SERVO)])
     desk.world.step(5.0)
-    desk.take_off(10.0)
+    desk.put_up(10.0)
     desk.command(TRIGGER, 4.0)
     desk.goto(40.0, 0.0, -10.0)
     desk.world.step(20.0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plans import at, fly, reached, takeoff, upload
+from tests.sim.plans import at, upload
 from zmav.sim import VehicleSpec
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ ACCEPTED, DENIED, FAILED = 0, 2, 4
 FENCE = 1
 
 AnotherDesk = Callable[..., "Desk"]
+IMPATIENT = {"FS_GCS_TIMEOUT": 2.0}
 
 
 def mode(desk: Desk) -> int:
@@ -33,16 +34,16 @@ def setp(desk: Desk, name: str, value: float) -> None:
 
 def aloft(make_desk: MakeDesk, height: float = 4.0, **params: float) -> Desk:
     desk = make_desk([VehicleSpec(params=params)])
-    desk.take_off(height)
+    desk.put_up(height)
     return desk
 
 
 class TestGroundStation:
     def silent(self, make_desk: MakeDesk, **params: float) -> Desk:
         """In the air, and nothing heard of the ground station for longer than FS_GCS_TIMEOUT."""
-        desk = aloft(make_desk, **params)
+        desk = aloft(make_desk, **IMPATIENT, **params)
         desk.send("HEARTBEAT", type=6)
-        desk.world.step(5.6)
+        desk.world.step(2.6)
         return desk
 
     @pytest.mark.parametrize(
@@ -63,10 +64,10 @@ class TestGroundStation:
     def test_a_companion_with_the_vehicles_own_system_id_does_not_count(
         self, make_desk: MakeDesk, another_desk: AnotherDesk
     ) -> None:
-        desk = aloft(make_desk, FS_GCS_ENABLE=5)
+        desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=5)
         companion = another_desk(desk.world, desk.vehicle, sysid=1, compid=191)
         desk.send("HEARTBEAT", type=6)
-        for _ in range(14):
+        for _ in range(7):
             companion.send("HEARTBEAT", type=18)
             desk.world.step(0.4)
         assert mode(desk) == LAND
@@ -74,25 +75,25 @@ class TestGroundStation:
     def test_any_component_of_the_ground_stations_system_counts(
         self, make_desk: MakeDesk, another_desk: AnotherDesk
     ) -> None:
-        desk = aloft(make_desk, FS_GCS_ENABLE=5, MAV_GCS_SYSID=7)
+        desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=5, MAV_GCS_SYSID=7)
         station = another_desk(desk.world, desk.vehicle, sysid=7, compid=42)
-        for _ in range(14):
+        for _ in range(7):
             station.send("HEARTBEAT", type=6)
             desk.world.step(0.4)
         assert mode(desk) == GUIDED
 
     def test_sticks_count_as_a_heartbeat(self, make_desk: MakeDesk) -> None:
-        desk = aloft(make_desk, FS_GCS_ENABLE=5)
+        desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=5)
         desk.send("HEARTBEAT", type=6)
-        for _ in range(14):
+        for _ in range(7):
             desk.send("MANUAL_CONTROL", target=1, z=500)
             desk.world.step(0.4)
         assert mode(desk) == GUIDED
 
     def test_disarmed_it_is_said_and_keeps_it_from_arming(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(params={"FS_GCS_ENABLE": 1})])
+        desk = make_desk([VehicleSpec(params={**IMPATIENT, "FS_GCS_ENABLE": 1})])
         desk.send("HEARTBEAT", type=6)
-        desk.world.step(6.0)
+        desk.world.step(3.0)
         assert "GCS Failsafe" in desk.texts()
         assert desk.last("HEARTBEAT")["system_status"] == 5
         assert desk.command(176, 1, GUIDED) == ACCEPTED
@@ -103,48 +104,56 @@ class TestGroundStation:
         assert desk.command(400, 1) == ACCEPTED
 
     def test_armed_on_the_ground_it_disarms(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(params={"FS_GCS_ENABLE": 1})])
+        desk = make_desk([VehicleSpec(params={**IMPATIENT, "FS_GCS_ENABLE": 1})])
         desk.send("HEARTBEAT", type=6)
         desk.world.step(1.0)
         assert desk.command(400, 1) == ACCEPTED
-        desk.world.step(5.0)
+        desk.world.step(2.0)
         assert not desk.vehicle.copter.armed
         assert "GCS Failsafe - Disarming" in desk.texts()
 
     def test_a_pilot_may_go_on(self, make_desk: MakeDesk) -> None:
-        desk = aloft(make_desk, FS_GCS_ENABLE=1)  # FS_OPTIONS is 16
+        desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=1)  # FS_OPTIONS is 16
         desk.vehicle.pilot_mode("LOITER")
         desk.send("HEARTBEAT", type=6)
-        desk.world.step(5.6)
+        desk.world.step(2.6)
         assert mode(desk) == LOITER
         assert "GCS Failsafe - Continuing Pilot Control" in desk.texts()
 
     @pytest.mark.parametrize(("options", "expected"), [(16, RTL), (2, AUTO)])
     def test_a_mission_may_go_on(self, make_desk: MakeDesk, options: int, expected: int) -> None:
-        desk = make_desk([VehicleSpec(params={"FS_GCS_ENABLE": 1, "FS_OPTIONS": options})])
-        fly(desk, [takeoff(4.0), at(17, 0, 0, 4)])
-        desk.until(lambda: 1 in reached(desk))
+        desk = make_desk([VehicleSpec(params={**IMPATIENT, "FS_GCS_ENABLE": 1, "FS_OPTIONS": options})])
+        desk.until(lambda: desk.vehicle.copter.position_ok)
+        assert upload(desk, [at(17, 0, 0, 4)]) == ACCEPTED
+        desk.put_up(4.0)
+        assert desk.command(176, 1, AUTO) == ACCEPTED
         desk.send("HEARTBEAT", type=6)
-        desk.world.step(5.6)
+        desk.world.step(2.6)
         assert mode(desk) == expected
 
     @pytest.mark.parametrize(("options", "expected"), [(0, RTL), (8, LAND)])
     def test_a_landing_may_go_on(self, make_desk: MakeDesk, options: int, expected: int) -> None:
-        desk = aloft(make_desk, FS_GCS_ENABLE=1, FS_OPTIONS=options)
+        desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=1, FS_OPTIONS=options)
         desk.send("HEARTBEAT", type=6)
         assert desk.command(21) == ACCEPTED
-        desk.world.step(5.6)
+        desk.world.step(2.6)
         assert mode(desk) == expected
 
     def test_it_takes_overrides_away(self, make_desk: MakeDesk) -> None:
-        desk = aloft(make_desk, FS_GCS_ENABLE=5, RC_OVERRIDE_TIME=-1)
+        desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=5, RC_OVERRIDE_TIME=-1)
         others = {f"chan{i}_raw": 65535 for i in range(2, 19)}
         desk.send("RC_CHANNELS_OVERRIDE", chan1_raw=1600, **others)
-        desk.world.step(5.6)
+        desk.world.step(2.6)
         assert desk.last("RC_CHANNELS")["chan1_raw"] == 1500
 
 
 class TestBattery:
+    @staticmethod
+    def left(desk: Desk) -> float:
+        """mAh: a limit that is reached at once."""
+        copter = desk.vehicle.copter
+        return copter.params["BATT_CAPACITY"] - copter.consumed_mah
+
     def test_low_voltage_for_ten_seconds(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk, BATT_FS_LOW_ACT=2)
         setp(desk, "SIM_BATT_VOLTAGE", 10.2)
@@ -169,24 +178,24 @@ class TestBattery:
 
     def test_capacity_at_once_and_critical_after_low(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk, BATT_FS_LOW_ACT=2, BATT_FS_CRT_ACT=1)
-        setp(desk, "BATT_LOW_MAH", 3290.0)
+        setp(desk, "BATT_LOW_MAH", self.left(desk))
         desk.world.step(0.3)
         assert mode(desk) == RTL
-        setp(desk, "BATT_CRT_MAH", 3285.0)
+        setp(desk, "BATT_CRT_MAH", self.left(desk))
         desk.world.step(0.3)
         assert mode(desk) == LAND
         assert any(text.startswith("Battery 1 is critical ") for text in desk.texts())
 
     def test_what_it_does_is_a_parameter_and_nothing_by_default(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk)
-        setp(desk, "BATT_LOW_MAH", 3290.0)
+        setp(desk, "BATT_LOW_MAH", self.left(desk))
         desk.world.step(0.3)
         assert mode(desk) == GUIDED
         assert "Battery Failsafe" in desk.texts()
 
     def test_terminates(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk, BATT_FS_LOW_ACT=5)
-        setp(desk, "BATT_LOW_MAH", 3290.0)
+        setp(desk, "BATT_LOW_MAH", self.left(desk))
         desk.world.step(0.3)
         assert not desk.vehicle.copter.armed
 
@@ -301,7 +310,7 @@ class TestFence:
     def test_does_what_fence_action_says(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = make_desk([VehicleSpec(params={"FENCE_ACTION": action})])
         self.square(desk)
-        desk.take_off(3.0)
+        desk.put_up(3.0)
         setp(desk, "FENCE_ENABLE", 1.0)
         desk.goto(18.0, 0.0, -3.0)
         desk.until(lambda: desk.near(18.0, 0.0, -3.0))
@@ -319,7 +328,7 @@ class TestFence:
         desk = make_desk([VehicleSpec(params={"FENCE_ENABLE": 1})])
         desk.world.step(1.0)
         assert upload(desk, [at(5004, 15, 0, 0, 5.0)], FENCE) == ACCEPTED
-        desk.take_off(3.0)
+        desk.put_up(3.0)
         self.out(desk, 20.0)
         assert mode(desk) == RTL
         assert desk.ned[0] == pytest.approx(10.0, abs=1.0)
@@ -393,7 +402,7 @@ class TestRally:
         desk = make_desk([VehicleSpec(params={"RTL_ALT": 300, "RTL_LOIT_TIME": 0})])
         desk.world.step(1.0)
         assert upload(desk, [at(5100, 12, 0, 0), at(5100, 200, 0, 0)], 2) == ACCEPTED
-        desk.take_off(3.0)
+        desk.put_up(3.0)
         desk.goto(8.0, 0.0, -3.0)
         desk.until(lambda: desk.near(8.0, 0.0, -3.0))
         assert desk.command(20) == ACCEPTED

@@ -22,7 +22,7 @@ ACCEPTED, DENIED, FAILED, COMMAND_INT_ONLY = 0, 2, 4, 8
 @pytest.fixture
 def up(desk: Desk) -> Desk:
     """A copter 5 m over its start, in GUIDED."""
-    desk.take_off(5.0)
+    desk.put_up(5.0)
     return desk
 
 
@@ -342,7 +342,7 @@ def test_targets_are_reported_back(up: Desk) -> None:
 def test_the_ekf_origin_is_where_the_vehicle_started(make_desk: MakeDesk, another_desk: type[Desk]) -> None:
     first = make_desk(2)
     second = another_desk(first.world, first.world.vehicles[1])
-    second.take_off(3.0)
+    second.put_up(3.0)
     second.goto(0.0, 5.0, -3.0)
     second.until(lambda: second.near(0.0, 5.0, -3.0))
     assert first.world.vehicles[1].status().ned_m == pytest.approx((0.0, 15.0, -3.0), abs=0.5)

@@ -42,7 +42,7 @@ def read(data: bytes, path: Path) -> list[Any]:
 def test_a_flight_is_logged_and_read_by_pymavlink(make_desk: MakeDesk, tmp_path: Path) -> None:
     desk = make_desk(epoch_s=EPOCH_S)
     assert storage(desk).logs.logs == []
-    desk.take_off(5.0)
+    desk.put_up(5.0)
     desk.command(176, 1, 9)
     desk.until(lambda: not desk.vehicle.copter.armed)
     (log,) = storage(desk).logs.logs
@@ -135,7 +135,7 @@ def test_logs_stay_within_bounds() -> None:
     store = LogStore(most=3_000, most_one=1_000)
     for _ in range(6):
         store.begin(bytearray(1_000), EPOCH_S)
-    assert [log.number for log in store.logs] == [4, 5, 6]
+    assert [log.name for log in store.logs] == ["00000004.BIN", "00000005.BIN", "00000006.BIN"]
     writer = DataflashWriter((MESSAGE,), limit=20_000)
     for _ in range(1_000):
         writer.write(MESSAGE, 0, "words")

@@ -218,7 +218,7 @@ class TestOldMessages:
         assert acks(ready) == [result]
 
     def test_a_waypoint_for_guided_at_once(self, ready: Desk) -> None:
-        ready.take_off(5.0)
+        ready.put_up(5.0)
         x, y = degrees(6.0, 0.0)
         item = {"command": 16, "frame": 3, "current": 2, "x": x, "y": y, "z": 5.0}
         ready.send("MISSION_ITEM_INT", **item)

@@ -98,7 +98,7 @@ class TestIntervals:
 
 def test_every_message_can_be_requested(make_desk: MakeDesk) -> None:
     desk = make_desk([VehicleSpec(params={"FENCE_ENABLE": 1, "RNGFND1_TYPE": 1, "CAM1_TYPE": 1, "MNT1_TYPE": 1})])
-    desk.take_off(2.0)
+    desk.put_up(2.0)
     desk.goto(1.0, 0.0, -2.0)
     desk.world.step(0.1)
     for name in REPORTS:
@@ -351,7 +351,7 @@ class TestRobustness:
     @pytest.mark.parametrize("seed", range(4))
     def test_no_parameter_upsets_the_flight(self, desk: Desk, seed: int) -> None:
         """Every parameter at the ends of what it can hold: the copter may fly badly, but its numbers stay numbers."""
-        desk.take_off(3.0)
+        desk.put_up(3.0)
         desk.goto(30.0, 0.0, -5.0)
         rng = random.Random(seed)
         desk.send("REQUEST_DATA_STREAM", req_stream_id=0, req_message_rate=10, start_stop=1)

@@ -80,7 +80,7 @@ class TestOverride:
         assert channels(ready, 1) == [1700]
 
     def test_flies_the_copter(self, ready: Desk) -> None:
-        ready.take_off(5.0)
+        ready.put_up(5.0)
         override(ready, c3=1500)
         assert ready.command(176, 1, LOITER) == ACCEPTED
         for _ in range(4):
@@ -120,14 +120,14 @@ class TestLoss:
     def lost(self, make_desk: MakeDesk, **params: float) -> Desk:
         """In the air, with the radio gone for two seconds."""
         desk = make_desk([VehicleSpec(params=params)])
-        desk.take_off(4.0)
+        desk.put_up(4.0)
         desk.vehicle.copter.pilot.lose()
         desk.world.step(2.0)
         return desk
 
     def test_returns_after_a_second_and_can_be_had_back(self, make_desk: MakeDesk) -> None:
         desk = make_desk()
-        desk.take_off(4.0)
+        desk.put_up(4.0)
         desk.vehicle.copter.pilot.lose()
         desk.world.step(0.9)
         assert desk.vehicle.copter.mode.number == GUIDED
@@ -156,7 +156,7 @@ class TestLoss:
 
     def test_is_kept_off_by_overrides(self, make_desk: MakeDesk) -> None:
         desk = make_desk()
-        desk.take_off(4.0)
+        desk.put_up(4.0)
         desk.vehicle.copter.pilot.lose()
         for _ in range(6):
             override(desk, c3=1500)
@@ -177,7 +177,7 @@ class TestLoss:
 
     def test_low_throttle_counts_as_loss(self, make_desk: MakeDesk) -> None:
         desk = make_desk()
-        desk.take_off(4.0)
+        desk.put_up(4.0)
         desk.vehicle.copter.pilot.pwm[2] = 960  # FS_THR_VALUE is 975
         desk.world.step(0.2)
         assert desk.vehicle.copter.mode.number == RTL

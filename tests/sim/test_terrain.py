@@ -30,7 +30,7 @@ def test_a_block_that_nobody_knows_keeps_no_other_from_being_asked_for(desk: Des
 
 def test_places_without_number_leave_it_room(desk: Desk) -> None:
     """The report counts what is pending in sixteen bits."""
-    desk.take_off()
+    desk.put_up()
     copter = desk.vehicle.copter
     copter.params.set("TERRAIN_ENABLE", 1)
     assert copter.mode.number == GUIDED
@@ -57,4 +57,4 @@ def test_a_rover_knows_no_terrain_and_drives_on(make_desk: MakeDesk) -> None:
     assert desk.command(176, 1, 10) == 0
     desk.world.step(2.0)
     assert desk.vehicle.failed is None
-    assert desk.vehicle.rover.driving_mode.place is not None
+    assert desk.vehicle.rover.mode.place is not None

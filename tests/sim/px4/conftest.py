@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from tests.sim.conftest import hang
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import SimVehicle, VehicleSpec, World
+from zmav.sim.autopilots.px4.ground import Stage
 from zmav.sim.protocol.px4.node import px4_dialect
 
 POSITION, VELOCITY = 0x9F8, 0xDC7  # type masks, as recorded: position and yaw, velocity
@@ -152,9 +154,19 @@ class Companion:
         assert self.mode(4, 2) == [0, 0]
         self.until(lambda: self.flying == "HOLD")
 
-    def offboard(self, say: Callable[[], None]) -> None:
-        """Into the air and into OFFBOARD, streaming ``say``."""
-        self.take_off()
+    def put_up(self, height: float = 2.0) -> None:
+        """As :meth:`take_off`, but without the flight there: for what is about something else."""
+        self.ready()
+        assert self.mode(4, 3) == [0, 0]
+        assert self.arm() == [0]
+        hang(self.vehicle, height)
+        self.vehicle.px4.ground.stage = Stage.FLYING
+        self.world.step(0.5)
+        assert not self.vehicle.px4.landed and self.flying == "HOLD" and self.near(0.0, 0.0, -height, 0.2)
+
+    def offboard(self, say: Callable[[], None], height: float = 2.0) -> None:
+        """In the air, and into OFFBOARD, streaming ``say``."""
+        self.put_up(height)
         self.stream(1.0, say)
         assert self.mode(6) == [0, 0]
 

@@ -13,9 +13,6 @@ from zmav.sim.sensors.troubles import FINE, Trouble
 if TYPE_CHECKING:
     from tests.sim.px4.conftest import Companion, MakeCompanion
 
-# A battery that is drawn empty within 20 s of flight.
-QUICK = {"SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 0.0, "COM_FAIL_ACT_T": 0.0}
-
 
 def gps(companion: Companion, *, lost: bool) -> None:
     seat = companion.vehicle.node.seat
@@ -52,21 +49,21 @@ class TestBattery:
     def test_what_a_low_one_does_is_a_parameter(
         self, make_companion: MakeCompanion, action: int, critical: str, emergency: str
     ) -> None:
-        companion = make_companion(params={**QUICK, "COM_LOW_BAT_ACT": float(action)})
+        companion = make_companion(params={"COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": float(action)})
         companion.beat()
-        companion.take_off()
-        battery = companion.vehicle.px4.battery
-        companion.until(lambda: battery.remaining < 0.145)
+        companion.put_up()
+        drain(companion, 0.145)
         companion.world.step(0.2)
         assert companion.flying == "HOLD" and companion.vehicle.px4.system_status == 4
         assert "Failsafe activated\t" in companion.texts()
-        companion.until(lambda: battery.remaining < 0.068)
+        drain(companion, 0.068)
         companion.world.step(0.2)
         assert companion.flying == critical
-        companion.until(lambda: battery.remaining < 0.048)
+        drain(companion, 0.048)
         companion.world.step(0.2)
         assert companion.flying == emergency
-        assert companion.all("BATTERY_STATUS")[-1]["charge_state"] in (2, 3, 4)
+        status = companion.vehicle.node.fields("BATTERY_STATUS")
+        assert status is not None and status["charge_state"] == 4
         companion.world.step(2.0)
         told = companion.texts()
         assert [t for t in ("Low battery\t", "Critical battery\t", "Emergency battery level\t") if t in told]
@@ -86,12 +83,12 @@ class TestBattery:
         companion.ready()
         drain(companion, 0.75)  # critical
         companion.world.step(0.2)
-        companion.take_off()
+        companion.put_up()
         assert companion.flying == "HOLD" and companion.vehicle.px4.system_status == 4
 
     def test_of_its_own_body_it_is_measured(self, make_companion: MakeCompanion) -> None:
         companion = make_companion(airframe="hexa")
-        companion.take_off()
+        companion.put_up()
         companion.world.step(3.0)
         status = companion.all("BATTERY_STATUS")[-1]
         assert status["current_battery"] > 500 and status["current_consumed"] > 0
@@ -101,7 +98,7 @@ class TestBattery:
 class TestPosition:
     def test_without_gps_hold_becomes_a_descent(self, companion: Companion) -> None:
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.stream(2.0, companion.beat)
         gps(companion, lost=True)
         companion.world.step(4.5)
@@ -118,7 +115,7 @@ class TestPosition:
 
     def test_when_it_is_back_the_mode_asked_for_flies_again(self, companion: Companion) -> None:
         companion.beat()
-        companion.offboard(lambda: companion.position(0.0, 0.0, -30.0))
+        companion.offboard(lambda: companion.position(0.0, 0.0, -30.0), 25.0)
         companion.until(lambda: companion.ned[2] < -25.0, say=lambda: companion.position(0.0, 0.0, -30.0))
         companion.mode(4, 3)
         gps(companion, lost=True)
@@ -128,7 +125,7 @@ class TestPosition:
         assert "GNSS data fusion started\t" in companion.texts()
 
     def test_a_mode_that_needs_a_position_cannot_be_had_without(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         gps(companion, lost=True)
         companion.world.step(5.5)
         assert companion.mode(4, 5) == [0, 1]
@@ -138,7 +135,7 @@ class TestPosition:
         def stick() -> None:
             companion.send("MANUAL_CONTROL", target=1, x=0, y=0, z=500, r=0, buttons=0)
 
-        companion.take_off()
+        companion.put_up()
         companion.stream(0.5, stick)
         assert companion.mode(3) == [0, 0]
         gps(companion, lost=True)
@@ -161,7 +158,7 @@ class TestTakeover:
     def test_a_failsafe_waits_in_hold_and_says_so(self, make_companion: MakeCompanion) -> None:
         companion = make_companion(params={"NAV_DLL_ACT": 2.0, "COM_FAIL_ACT_T": 3.0})
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.beat()
         companion.world.step(10.3)
         assert companion.flying == "HOLD" and companion.vehicle.px4.system_status == 5
@@ -176,7 +173,7 @@ class TestTakeover:
     def test_who_changes_the_mode_has_the_vehicle(self, make_companion: MakeCompanion) -> None:
         companion = make_companion(params={"NAV_DLL_ACT": 2.0, "COM_FAIL_ACT_T": 0.0})
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.beat()
         companion.world.step(10.5)
         assert companion.flying == "RTL"
@@ -187,18 +184,18 @@ class TestTakeover:
     def test_modes_can_be_excepted(self, make_companion: MakeCompanion) -> None:
         companion = make_companion(params={"NAV_DLL_ACT": 2.0, "COM_FAIL_ACT_T": 0.0, "COM_DLL_EXCEPT": 2.0})
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.world.step(12.0)
         assert companion.flying == "HOLD"
 
     def test_the_worst_wins(self, make_companion: MakeCompanion) -> None:
         """A lost station asks for HOLD, an empty battery for LAND."""
-        companion = make_companion(params={**QUICK, "NAV_DLL_ACT": 1.0, "COM_LOW_BAT_ACT": 2.0, "SIM_BAT_DRAIN": 40.0})
+        companion = make_companion(params={"COM_FAIL_ACT_T": 0.0, "NAV_DLL_ACT": 1.0, "COM_LOW_BAT_ACT": 2.0})
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.until(lambda: companion.vehicle.px4.failsafe.active)
         assert companion.flying == "HOLD"
-        companion.until(lambda: companion.vehicle.px4.battery.remaining < 0.065)
+        drain(companion, 0.065)
         companion.world.step(0.2)
         assert companion.flying == "LAND"
 
@@ -209,7 +206,7 @@ class TestRadio:
         params = {"NAV_RCL_ACT": float(action), "COM_FLTMODE1": 2.0, "COM_FAIL_ACT_T": 0.0}
         companion = make_companion(params=params)
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.vehicle.pilot_mode("POSCTL")
         companion.world.step(0.5)
         assert companion.flying == "POSCTL"
@@ -222,7 +219,7 @@ class TestRadio:
 
 
 def test_flight_termination_by_command_is_for_good(companion: Companion) -> None:
-    companion.take_off()
+    companion.put_up()
     assert companion.command(185, 1) == [0]
     companion.world.step(0.1)
     assert companion.flying == "TERMINATION" and max(companion.vehicle.node.seat.outputs()) == 0.0

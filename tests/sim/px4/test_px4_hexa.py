@@ -24,9 +24,9 @@ def test_it_flies_on_six_and_says_so(make_companion: MakeCompanion) -> None:
     assert [round(value) for value in outputs["actuator"][:7]] == [*[pwm[f"servo{i}_raw"] for i in range(1, 7)], 0]
 
 
-def test_it_takes_off_to_the_corners_of_a_square_by_offboard(make_companion: MakeCompanion) -> None:
+def test_it_flies_to_the_corners_of_a_square_by_offboard(make_companion: MakeCompanion) -> None:
     companion = make_companion(airframe="hexa")
-    companion.offboard(lambda: companion.position(0.0, 0.0, -4.0))
+    companion.offboard(lambda: companion.position(0.0, 0.0, -4.0), 4.0)
     for north, east in ((5.0, 0.0), (5.0, 5.0)):
         say = lambda n=north, e=east: companion.position(n, e, -4.0)  # noqa: E731
         companion.until(lambda n=north, e=east: companion.near(n, e, -4.0, 0.4), 20.0, say)  # type: ignore[misc]

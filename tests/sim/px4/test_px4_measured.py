@@ -53,7 +53,7 @@ def test_it_does_not_reboot_in_software_in_the_loop(companion: Companion) -> Non
 
 
 def test_in_the_air_offboard_is_entered_with_the_first_setpoint(companion: Companion) -> None:
-    companion.take_off()
+    companion.put_up()
     companion.position(0.0, 0.0, -3.0)
     assert companion.mode(6) == [0, 0]
     companion.world.step(0.05)
@@ -64,17 +64,18 @@ def test_a_lost_stream_leaves_offboard_intended_and_it_comes_back_with_the_next_
     make_companion: MakeCompanion,
 ) -> None:
     companion = make_companion(params={"COM_OBL_RC_ACT": 5.0})
-    companion.offboard(lambda: companion.position(0.0, 0.0, -5.0))
+    companion.offboard(lambda: companion.position(0.0, 0.0, -5.0), 5.0)
     companion.stream(2.0, lambda: companion.position(0.0, 0.0, -5.0))
     companion.command(511, 436, 50000)
-    companion.world.step(30.0)
+    companion.world.step(10.0)
     told = companion.all("CURRENT_MODE")[-1]
     assert (told["custom_mode"], told["intended_custom_mode"]) == (HOLD, OFFBOARD)
     companion.stream(0.2, lambda: companion.position(0.0, 0.0, -5.0))
     assert companion.flying == "OFFBOARD"
 
 
-def test_armed_in_a_mission_that_was_flown_it_takes_off(companion: Companion) -> None:
+def test_armed_in_a_mission_that_was_flown_it_takes_off(make_companion: MakeCompanion) -> None:
+    companion = make_companion(params={"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.0})
     companion.ready()
     upload(companion, [item(companion, TAKEOFF, up=4.0), item(companion, WAYPOINT, 5.0), item(companion, LAND, up=0.0)])
     assert companion.mode(4, 4) == [0, 0]
@@ -110,7 +111,7 @@ def sticks(companion: Companion, pitch: float) -> None:
 
 
 def test_sticks_held_in_hold_move_nothing_and_their_end_is_a_lost_pilot(companion: Companion) -> None:
-    companion.take_off()
+    companion.put_up()
     companion.world.step(3.0)  # it rises on for a moment where its takeoff ends
     before = companion.ned
     companion.stream(3.0, lambda: sticks(companion, 0.5))
@@ -122,7 +123,7 @@ def test_sticks_held_in_hold_move_nothing_and_their_end_is_a_lost_pilot(companio
 
 
 def test_a_mode_ordered_again_keeps_the_end_of_the_sticks_from_sending_it_home(companion: Companion) -> None:
-    companion.take_off()
+    companion.put_up()
     companion.stream(0.5, lambda: sticks(companion, 0.0))
     assert companion.mode(3) == [0, 0]
     companion.stream(2.0, lambda: sticks(companion, 0.5))
@@ -130,12 +131,12 @@ def test_a_mode_ordered_again_keeps_the_end_of_the_sticks_from_sending_it_home(c
     assert companion.mode(4, 3) == [0, 0]
     companion.until(lambda: companion.vehicle.px4.system_status == 5, 5.0)
     assert companion.mode(4, 3) == [0, 0]
-    companion.world.step(20.0)
+    companion.world.step(8.0)  # COM_FAIL_ACT_T is 5 s
     assert (companion.flying, companion.vehicle.px4.system_status) == ("HOLD", 4)
 
 
 def test_a_stick_that_moves_takes_over(companion: Companion) -> None:
-    companion.take_off()
+    companion.put_up()
     companion.stream(1.0, lambda: sticks(companion, 0.0))
     companion.stream(0.2, lambda: sticks(companion, 0.5))
     assert companion.flying == "POSCTL"

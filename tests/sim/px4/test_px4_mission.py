@@ -157,14 +157,14 @@ class TestFlying:
             item(companion, JUMP, param1=0.0, param2=1.0),
         ]
         upload(companion, plan)
-        companion.take_off()
+        companion.put_up()
         assert companion.mode(4, 4) == [0, 0]
         companion.until(lambda: companion.flying == "HOLD", 90.0)
         assert [m["seq"] for m in companion.all("MISSION_ITEM_REACHED")] == [0, 1, 0, 1, 2]
 
     def test_an_interrupted_one_goes_on_where_it_was(self, companion: Companion) -> None:
         upload(companion, [item(companion, WAYPOINT, n, 0.0) for n in (3.0, 40.0)] + [item(companion, RETURN)])
-        companion.take_off()
+        companion.put_up()
         companion.mode(4, 4)
         companion.until(lambda: companion.vehicle.px4.mission.current == 1)
         companion.mode(4, 3)

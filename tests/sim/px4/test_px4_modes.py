@@ -30,7 +30,7 @@ class TestArming:
         assert [m["system_status"] for m in companion.all("HEARTBEAT")] == [0, 3]
 
     def test_disarming_is_refused_in_the_air_and_can_be_forced(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         assert companion.command(400, 0) == [1]
         assert companion.command(400, 0, 21196) == [0]
         assert not companion.vehicle.px4.armed
@@ -50,11 +50,11 @@ class TestArming:
 
 class TestModes:
     def test_both_acknowledge_a_mode(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         assert companion.mode(4, 6) == [0, 0]
 
     def test_the_second_tells_of_a_refusal(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         assert companion.mode(6) == [0, 1]
         assert companion.mode(77) == [0, 1]
         assert companion.flying == "HOLD"
@@ -94,7 +94,7 @@ class TestAuto:
         assert self.ends_below(companion, 7.0)
 
     def test_it_flies_to_a_place_and_holds_there(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         place = companion.vehicle.px4.place((12.0, -5.0, -6.0))
         x, y = round(place.lat_deg * E7), round(place.lon_deg * E7)
         assert companion.command_int(192, x=x, y=y, z=place.alt_amsl_m, param1=-1, param2=1, param4=math.nan) == [0]
@@ -103,7 +103,7 @@ class TestAuto:
 
     def test_the_frame_of_a_command_is_not_looked_at(self, companion: Companion) -> None:
         """As in PX4: an altitude above home is taken for one above the sea."""
-        companion.take_off()
+        companion.put_up()
         place = companion.vehicle.px4.place((12.0, -5.0, -6.0))
         x, y = round(place.lat_deg * E7), round(place.lon_deg * E7)
         assert companion.command_int(192, frame=3, x=x, y=y, z=6.0, param1=-1, param2=1, param4=math.nan) == [0]
@@ -111,11 +111,11 @@ class TestAuto:
         assert companion.vehicle.px4.sense.vd > 0.5
 
     def test_without_the_flag_to_change_the_mode_a_reposition_is_unsupported(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         assert companion.command_int(192, x=0, y=0, z=600.0, param1=-1, param2=0) == [3]
 
     def test_a_speed_is_kept_to(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         assert companion.command(178, 1, 2.0) == [0]
         place = companion.vehicle.px4.place((60.0, 0.0, -3.0))
         nan = math.nan
@@ -133,7 +133,7 @@ class TestAuto:
         assert [m["landed_state"] for m in companion.all("EXTENDED_SYS_STATE")][-1] == 1
 
     def test_returning_climbs_comes_home_and_lands(self, companion: Companion) -> None:
-        companion.offboard(lambda: companion.position(12.0, 0.0, -6.0))
+        companion.offboard(lambda: companion.position(12.0, 0.0, -6.0), 6.0)
         companion.until(lambda: companion.near(12.0, 0.0, -6.0), say=lambda: companion.position(12.0, 0.0, -6.0))
         assert companion.command(20) == [0]
         heights = []
@@ -148,14 +148,14 @@ class TestAuto:
         assert companion.near(0.0, 0.0, 0.0, 1.5)
 
     def test_a_mission_mode_without_a_mission_is_refused(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         assert companion.mode(4, 4) == [0, 1]
 
 
 class TestPilot:
     def test_a_turn_of_the_switch_changes_the_mode(self, make_companion: MakeCompanion) -> None:
         companion = make_companion(params={"COM_FLTMODE1": 2.0, "COM_FLTMODE6": 4.0})
-        companion.offboard(lambda: companion.position(0.0, 0.0, -5.0))
+        companion.offboard(lambda: companion.position(0.0, 0.0, -5.0), 5.0)
         companion.vehicle.pilot_mode("POSCTL")
         companion.stream(0.2, lambda: companion.position(0.0, 0.0, -5.0))
         assert companion.flying == "POSCTL"
@@ -221,7 +221,7 @@ class TestGroundStation:
         companion.world.step(1.0)
         assert companion.arm() == [1]  # none was ever heard
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.beat()
         companion.world.step(9.9)
         assert companion.flying == "HOLD" and companion.vehicle.px4.system_status == 4

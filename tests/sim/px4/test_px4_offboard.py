@@ -34,13 +34,13 @@ class TestEntry:
 
     @pytest.mark.parametrize(("seconds", "verdict"), [(0.0, 1), (0.05, 0), (1.0, 0)])
     def test_in_the_air_there_must_be_a_stream(self, companion: Companion, seconds: float, verdict: int) -> None:
-        companion.take_off()
+        companion.put_up()
         companion.stream(seconds, lambda: companion.position(0.0, 0.0, -3.0))
         assert companion.mode(6) == [0, verdict]
         assert companion.flying == ("OFFBOARD" if verdict == 0 else "HOLD")
 
     def test_two_a_second_are_enough_and_fewer_are_not(self, companion: Companion) -> None:
-        companion.offboard(lambda: companion.position(0.0, 0.0, -4.0))
+        companion.offboard(lambda: companion.position(0.0, 0.0, -4.0), 4.0)
         for _ in range(8):
             companion.position(0.0, 0.0, -4.0)
             companion.world.step(0.5)
@@ -50,7 +50,7 @@ class TestEntry:
 
     def test_a_message_that_asks_for_nothing_is_no_sign_of_life(self, companion: Companion) -> None:
         companion.beat()
-        companion.take_off()
+        companion.put_up()
         companion.stream(1.0, lambda: companion.position(0.0, 0.0, -3.0, type_mask=0xFFF))
         assert companion.mode(6) == [0, 1]
         assert "SET_POSITION_TARGET_LOCAL_NED invalid\t" in companion.texts()
@@ -61,9 +61,8 @@ class TestLoss:
         def say() -> None:
             companion.position(0.0, 0.0, -5.0)
 
-        companion.offboard(say)
-        companion.until(lambda: companion.near(0.0, 0.0, -5.0, 0.3), say=say)
-        companion.stream(2.0, say)
+        companion.offboard(say, 5.0)
+        companion.stream(2.3, say)  # so that no heartbeat comes just when the stream is missed
         companion.clear()
         stopped = companion.world.time_s
         companion.world.step(16.0)
@@ -101,16 +100,14 @@ class TestLoss:
         assert companion.flying == "POSCTL"
 
     def test_a_stream_that_comes_back_is_followed_again(self, companion: Companion) -> None:
-        companion.offboard(lambda: companion.position(0.0, 0.0, -8.0))
-        companion.stream(5.0, lambda: companion.position(0.0, 0.0, -8.0))
+        companion.offboard(lambda: companion.position(0.0, 0.0, -8.0), 8.0)
         companion.world.step(2.0)
         assert companion.vehicle.px4.system_status == 5
         companion.stream(1.0, lambda: companion.position(0.0, 0.0, -8.0))
         assert companion.flying == "OFFBOARD" and companion.vehicle.px4.system_status == 4
 
     def test_another_mode_ends_the_failsafe(self, companion: Companion) -> None:
-        companion.offboard(lambda: companion.position(0.0, 0.0, -5.0))
-        companion.stream(4.0, lambda: companion.position(0.0, 0.0, -5.0))
+        companion.offboard(lambda: companion.position(0.0, 0.0, -5.0), 5.0)
         companion.world.step(1.5)
         assert companion.mode(4, 3) == [0, 0]
         companion.world.step(2.0)
@@ -163,7 +160,7 @@ class TestSetpoints:
         def say() -> None:
             companion.velocity(2.0, 0.0, type_mask=0xDE3, z=-6.0)
 
-        companion.offboard(say)
+        companion.offboard(say, 5.0)
         companion.stream(6.0, say)
         assert companion.ned[2] == pytest.approx(-6.0, abs=0.3)
         assert companion.vehicle.px4.sense.vn == pytest.approx(1.7, abs=0.2)
@@ -205,8 +202,7 @@ class TestSetpoints:
         assert companion.vehicle.px4.sense.roll > 0.15  # nothing levels it
 
     def test_numbers_that_are_none_are_not_flown(self, companion: Companion) -> None:
-        companion.offboard(lambda: companion.position(0.0, 0.0, -4.0))
-        companion.stream(3.0, lambda: companion.position(0.0, 0.0, -4.0))
+        companion.offboard(lambda: companion.position(0.0, 0.0, -4.0), 4.0)
         companion.stream(1.0, lambda: companion.attitude(0.0, 0.0, math.nan))
         companion.stream(2.0, lambda: companion.position(math.inf, math.nan, -1e30))
         assert companion.near(0.0, 0.0, -4.0, 1.0)
@@ -251,13 +247,13 @@ class TestTorque:
             assert (said["flight_sw_version"] >> 24, said["flight_sw_version"] >> 16 & 0xFF) == version
 
     def test_the_newer_does_not_listen(self, companion: Companion) -> None:
-        companion.take_off()
+        companion.put_up()
         companion.stream(1.0, lambda: self.say(companion))
         assert companion.mode(6) == [0, 1]
 
     def test_other_groups_are_no_sign_of_life(self, make_companion: MakeCompanion) -> None:
         companion = make_companion(firmware="1.13")
-        companion.take_off()
+        companion.put_up()
         other = lambda: companion.send("SET_ACTUATOR_CONTROL_TARGET", group_mlx=1, controls=[0.0] * 8)  # noqa: E731
         companion.stream(1.0, other)
         assert companion.mode(6) == [0, 1]

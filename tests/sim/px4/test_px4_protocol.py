@@ -173,13 +173,6 @@ class TestSpecs:
         finally:
             world.close()
 
-    def test_another_airframe_flies_it_too(self, make_companion: MakeCompanion) -> None:
-        companion = make_companion(airframe="hexa")
-        companion.take_off()
-        companion.world.step(2.0)
-        assert companion.near(0.0, 0.0, -2.5, 0.4)
-        assert companion.all("HEARTBEAT")[-1]["type"] == 13
-
 
 class TestOthers:
     """What ground stations ask for besides."""

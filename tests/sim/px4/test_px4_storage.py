@@ -14,10 +14,9 @@ if TYPE_CHECKING:
 
 
 def fly(companion: Companion) -> Px4Node:
-    companion.take_off()
-    companion.mode(4, 6)
-    companion.until(lambda: not companion.vehicle.px4.armed)
-    companion.world.step(0.1)
+    companion.put_up()
+    assert companion.command(400, 0, 21196) == [0]
+    companion.world.step(2.0)  # down, and the log closed
     node = companion.vehicle.node
     assert isinstance(node, Px4Node)
     return node
@@ -64,7 +63,7 @@ def test_ids_are_places_in_a_directory(companion: Companion) -> None:
 
 def test_a_log_is_given_out_in_the_air_once_it_was_listed(companion: Companion) -> None:
     fly(companion)
-    companion.take_off()
+    companion.put_up()
     companion.clear()
     companion.send("LOG_REQUEST_DATA", id=0, ofs=0, count=90)
     companion.world.step(0.1)

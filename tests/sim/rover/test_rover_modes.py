@@ -139,7 +139,7 @@ def test_loiter_stays_within_its_radius(yard: Yard) -> None:
     yard.mode(LOITER)
     target = yard.desk.last("POSITION_TARGET_GLOBAL_INT")
     yard.desk.until(yard.stands)
-    place = yard.rover.driving_mode.place
+    place = yard.rover.mode.place
     assert place is not None
     where = (place[0] - yard.rover.origin_world[0], place[1] - yard.rover.origin_world[1])
     assert math.dist(where, yard.place) < yard.rover.params["LOIT_RADIUS"] + 0.5

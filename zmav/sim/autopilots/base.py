@@ -58,7 +58,7 @@ class Autopilot:
 
     def sit(self, seat: Seat) -> None:
         """Take the sensors of the body that it sits in."""
-        self.filter.attach(seat.belief())
+        self.filter.belief = seat.belief()
 
     @property
     def uptime(self) -> float:

@@ -48,17 +48,9 @@ class NavigationFilter(ABC, Generic[V]):
 
     def __init__(self, vehicle: V) -> None:
         self._vehicle = vehicle
-        self._belief: Belief | None = None
+        self.belief: Belief | None = None
+        """what it steers: the estimate of the body that the autopilot sits in"""
         self.power_on()
-
-    def attach(self, belief: Belief) -> None:
-        """Steer the estimate of the body that the autopilot sits in."""
-        self._belief = belief
-
-    @property
-    def belief(self) -> Belief | None:
-        """What it steers, once it sits in a body."""
-        return self._belief
 
     def power_on(self) -> None:
         """Start from nothing."""
@@ -71,8 +63,8 @@ class NavigationFilter(ABC, Generic[V]):
         self._variance = self.POSITION_VARIANCE
         self.glitching = False
         self.ratios = dict(self.USUAL)
-        if self._belief is not None and self._belief.led:
-            self._belief.forget()
+        if self.belief is not None and self.belief.led:
+            self.belief.forget()
 
     # ---- what it knows
 
@@ -84,7 +76,7 @@ class NavigationFilter(ABC, Generic[V]):
     @property
     def has_fix(self) -> bool:
         """The GPS has a solution."""
-        return self._belief is None or self._belief.has_fix
+        return self.belief is None or self.belief.has_fix
 
     @property
     def aiding(self) -> bool:
@@ -94,7 +86,7 @@ class NavigationFilter(ABC, Generic[V]):
     # ---- ten times a second
 
     def update(self, dt: float) -> None:
-        belief = self._belief
+        belief = self.belief
         if belief is None or not (belief.troubled or self._leading) or not self.started:
             return
         if not self._leading:

@@ -17,7 +17,7 @@ from zmav.rotation import wrap
 from zmav.sim.arrays import Array, Flags, clamp
 from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.l1 import L1
-from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, ROLL, Flown, PlaneTargets
+from zmav.sim.control.planetargets import AILERON, ELEVATOR, ENERGY, LINE, PITCH, ROLL, Flown, PlaneTargets
 from zmav.sim.control.tecs import Tecs
 from zmav.sim.dynamics.airframe import GRAVITY
 
@@ -128,8 +128,8 @@ class PlaneControl:
         elevator = self._pitch_loop.update(
             pitch_rate, est.rate[1], scale, idle, self._pitch_loop.saturated | (eas < 0.5 * g["AIRSPEED_MIN"]), dt
         )
-        self.surface[0] = np.where(t.lateral == 0, t.aileron, aileron)
-        self.surface[1] = np.where(t.upright == 0, t.elevator, elevator)
+        self.surface[0] = np.where(t.lateral == AILERON, t.aileron, aileron)
+        self.surface[1] = np.where(t.upright == ELEVATOR, t.elevator, elevator)
         self.surface[2] = self._rudder()
         wanted = np.where(t.auto_throttle, self.tecs.throttle, t.throttle)
         self.throttle = clamp(wanted, 0.0, 1.0)

@@ -14,24 +14,6 @@ import numpy as np
 from zmav.sim.arrays import Array
 
 
-class Lateral(enum.IntEnum):
-    """What holds the roll axis."""
-
-    DIRECT = 0  # the aileron, as given
-    ROLL = 1
-    LINE = 2  # from one place to another
-    CIRCLE = 3  # about a place
-    HEADING = 4
-
-
-class Upright(enum.IntEnum):
-    """What holds the pitch axis."""
-
-    DIRECT = 0  # the elevator, as given
-    PITCH = 1
-    ENERGY = 2  # height and speed
-
-
 class Stage(enum.IntEnum):
     """Of the flight, where the energy controller acts differently."""
 
@@ -41,10 +23,11 @@ class Stage(enum.IntEnum):
     FLARE = 3
 
 
-# As plain numbers, for comparing whole rows many times a second.
-LINE, CIRCLE, HEADING, ROLL = (int(k) for k in (Lateral.LINE, Lateral.CIRCLE, Lateral.HEADING, Lateral.ROLL))
-ENERGY, PITCH = int(Upright.ENERGY), int(Upright.PITCH)
-TAKEOFF, LAND, FLARE = int(Stage.TAKEOFF), int(Stage.LAND), int(Stage.FLARE)
+TAKEOFF, LAND, FLARE = (int(stage) for stage in Stage if stage)  # plain numbers, for comparing whole rows
+# What holds the roll axis: the aileron, as given; a bank; a line; a circle; a heading. And the pitch axis: the
+# elevator, as given; an angle; height and speed.
+AILERON, ROLL, LINE, CIRCLE, HEADING = range(5)
+ELEVATOR, PITCH, ENERGY = range(3)
 
 # Parameter -> (lowest, highest) that the controllers fly with: beyond it the numbers, not the plane, would fly away.
 GAINS: dict[str, tuple[float, float]] = {
@@ -185,7 +168,7 @@ class PlaneHandle:
 
     def surfaces(self, aileron: float, elevator: float, rudder: float) -> None:
         t, i = self._t, self._i
-        t.lateral[i], t.upright[i] = Lateral.DIRECT, Upright.DIRECT
+        t.lateral[i], t.upright[i] = AILERON, ELEVATOR
         t.aileron[i], t.elevator[i], t.rudder[i] = aileron, elevator, rudder
         t.auto_rudder[i] = False
 
@@ -195,31 +178,31 @@ class PlaneHandle:
 
     def roll(self, angle: float) -> None:
         """Hold a bank."""
-        self._t.lateral[self._i], self._t.roll[self._i] = Lateral.ROLL, angle
+        self._t.lateral[self._i], self._t.roll[self._i] = ROLL, angle
         self._t.auto_rudder[self._i] = True
 
     def pitch(self, angle: float) -> None:
-        self._t.upright[self._i], self._t.pitch[self._i] = Upright.PITCH, angle
+        self._t.upright[self._i], self._t.pitch[self._i] = PITCH, angle
 
     def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         t, i = self._t, self._i
-        t.lateral[i], t.auto_rudder[i] = Lateral.LINE, True
+        t.lateral[i], t.auto_rudder[i] = LINE, True
         t.start[:, i], t.end[:, i] = start, end
 
     def circle(self, centre: tuple[float, float], radius: float) -> None:
         """``radius``: metres, negative counter-clockwise."""
         t, i = self._t, self._i
-        t.lateral[i], t.auto_rudder[i] = Lateral.CIRCLE, True
+        t.lateral[i], t.auto_rudder[i] = CIRCLE, True
         t.end[:, i], t.radius[i] = centre, radius
 
     def fly_heading(self, heading: float) -> None:
         t, i = self._t, self._i
-        t.lateral[i], t.auto_rudder[i], t.heading[i] = Lateral.HEADING, True, heading
+        t.lateral[i], t.auto_rudder[i], t.heading[i] = HEADING, True, heading
 
     def energy(self, height: float, airspeed: float) -> None:
         """Hold a height (m over the world's origin) and an equivalent airspeed with elevator and throttle."""
         t, i = self._t, self._i
-        t.upright[i], t.auto_throttle[i] = Upright.ENERGY, True
+        t.upright[i], t.auto_throttle[i] = ENERGY, True
         t.height[i], t.airspeed[i] = height, airspeed
 
     def power(self, throttle: float) -> None:

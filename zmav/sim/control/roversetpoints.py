@@ -4,7 +4,6 @@ rover. An autopilot writes its own column through :class:`RoverHandle`; the cont
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 
@@ -14,21 +13,9 @@ from zmav.sim.arrays import Array
 
 Point = tuple[float, float]
 
-
-class Task(enum.IntEnum):
-    """What is held."""
-
-    COAST = 0  # nothing: throttle and steering in the middle
-    DIRECT = 1  # the outputs, as given
-    STOP = 2  # a stop without a turn
-    TURN = 3  # a turn rate and a speed
-    HEADING = 4  # a heading and a speed
-    PATH = 5  # a moving point
-    PLACE = 6  # a place, to which the moving point goes by itself
-
-
-# As plain numbers, for comparing whole rows many times a second.
-COAST, DIRECT, STOP, TURN, HEADING, PATH, PLACE = (int(task) for task in Task)
+# What is held: nothing (throttle and steering in the middle); the outputs, as given; a stop without a turn; a turn rate
+# and a speed; a heading and a speed; a moving point; a place, to which the moving point goes by itself.
+COAST, DIRECT, STOP, TURN, HEADING, PATH, PLACE = range(7)
 
 # Row of the tuning -> ArduRover's parameter and the factor to SI.
 TUNING: dict[str, tuple[str, float]] = {
@@ -111,38 +98,38 @@ class RoverHandle:
         self._t.armed[self._i] = on
 
     def coast(self) -> None:
-        self._t.task[self._i] = Task.COAST
+        self._t.task[self._i] = COAST
 
     def direct(self, steering: float, throttle: float) -> None:
         """Outputs, -1 to 1."""
         t, i = self._t, self._i
-        t.task[i], t.steering[i], t.throttle[i] = Task.DIRECT, steering, throttle
+        t.task[i], t.steering[i], t.throttle[i] = DIRECT, steering, throttle
 
     def stop(self) -> None:
-        self._t.task[self._i] = Task.STOP
+        self._t.task[self._i] = STOP
 
     def turn(self, rate: float, speed: float) -> None:
         """A turn rate, rad/s clockwise, and a speed, m/s."""
         t, i = self._t, self._i
-        t.task[i], t.turn[i], t.speed[i] = Task.TURN, rate, speed
+        t.task[i], t.turn[i], t.speed[i] = TURN, rate, speed
 
     def head(self, yaw: float, speed: float) -> None:
         """A heading, radians, and a speed, m/s."""
         t, i = self._t, self._i
-        t.task[i], t.heading[i], t.speed[i] = Task.HEADING, yaw, speed
+        t.task[i], t.heading[i], t.speed[i] = HEADING, yaw, speed
 
     def follow(self, pos: Point, vel: Point, acc: Point) -> None:
         """A moving point."""
         t, i = self._t, self._i
-        t.task[i] = Task.PATH
+        t.task[i] = PATH
         t.pos[:, i], t.vel[:, i], t.acc[:, i] = pos, vel, acc
 
     def go(self, pos: Point) -> None:
         """A place, as fast and as smoothly as the limits let."""
         t, i = self._t, self._i
-        if t.task[i] != Task.PLACE:
+        if t.task[i] != PLACE:
             t.fresh[i] = True
-        t.task[i] = Task.PLACE
+        t.task[i] = PLACE
         t.pos[:, i] = pos
 
     def limits(self, speed: float, accel: float, jerk: float) -> None:

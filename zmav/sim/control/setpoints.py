@@ -16,6 +16,12 @@ from zmav.sim.control.gains import Gains, arducopter_gains
 Vector = tuple[float, float, float]
 
 
+def from_nose(vector: Vector, yaw: float) -> Vector:
+    """From forward-right-down, level, to north-east-down."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return vector[0] * c - vector[1] * s, vector[0] * s + vector[1] * c, vector[2]
+
+
 class Spool(enum.IntEnum):
     """What the rotors do."""
 
@@ -35,16 +41,11 @@ class Axis(enum.IntEnum):
     TORQUE = 5  # horizontally: the torque as given, heading included
 
 
-class Yaw(enum.IntEnum):
-    ANGLE = 0
-    RATE = 1
-
-
 # As plain numbers, for comparing whole rows many times a second.
 FLY, IDLE = int(Spool.FLY), int(Spool.IDLE)
 POSITION, VELOCITY, ACCELERATION = int(Axis.POSITION), int(Axis.VELOCITY), int(Axis.ACCELERATION)
 DIRECT, RATES, TORQUE = int(Axis.DIRECT), int(Axis.RATES), int(Axis.TORQUE)
-YAW_ANGLE = int(Yaw.ANGLE)
+YAW_ANGLE, YAW_RATE = 0, 1
 
 
 # What a vehicle may do at most, SI units: at ArduCopter's defaults, and what no parameter raises it above, since beyond
@@ -167,12 +168,12 @@ class SetpointHandle:
 
     def heading(self, yaw: float) -> None:
         """Turn to ``yaw`` (radians) at the allowed rate and stay there."""
-        self._t.yaw_kind[self._i] = Yaw.ANGLE
+        self._t.yaw_kind[self._i] = YAW_ANGLE
         self._t.yaw[self._i] = yaw
 
     def turn(self, rate: float) -> None:
         """Turn at ``rate`` rad/s, clockwise from above."""
-        self._t.yaw_kind[self._i] = Yaw.RATE
+        self._t.yaw_kind[self._i] = YAW_RATE
         self._t.yaw_rate[self._i] = min(max(rate, -FASTEST_TURN), FASTEST_TURN)
 
     def limit(self, name: str, value: float) -> None:

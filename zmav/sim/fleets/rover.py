@@ -22,6 +22,8 @@ class RoverFleet(Fleet):
     """
 
     ACTUATORS: ClassVar[tuple[str, ...]] = ("steering", "throttle")
+    THINKS_EVERY: ClassVar[int] = 2  # ArduRover's loop runs at 50 Hz (SCHED_LOOP_RATE), its controllers with it
+
     dynamics: RoverDynamics
 
     def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
@@ -38,6 +40,10 @@ class RoverFleet(Fleet):
 
     def control_tick(self, number: int, tick_s: float) -> None:
         """The controllers' outputs to steering and motor."""
+        every = self._still.steps = self.THINKS_EVERY * self.pace
+        if number % every:
+            return
+        tick_s *= every
         est, dyn, control, asked = self.estimate, self.dynamics, self.control, self.setpoints
         still = not any(dyn.speed.tolist())
         self._stands = still and self.unchanged((tick_s, asked.tuned), asked, control, *control.loops)

@@ -14,6 +14,7 @@ import msgspec
 
 from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.items import LOCATED, Item, ItemStore, check_place
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 _E7 = 1e7
@@ -55,9 +56,9 @@ class ItemPart(Part):
     ASK_AGAIN_S: ClassVar[float]
     GIVE_UP_S: ClassVar[float]
 
-    def __init__(self, stores: Sequence[ItemStore], say: Callable[[int, str], None], now: Callable[[], float]) -> None:
+    def __init__(self, node: Node, stores: Sequence[ItemStore]) -> None:
+        self._node = node
         self.stores = {store.kind: store for store in stores}
-        self._say, self._now = say, now
         self._uploads: dict[int, Upload] = {}
 
     def answers(self) -> Mapping[str, Answer]:
@@ -112,13 +113,13 @@ class ItemPart(Part):
 
     def begin(self, client: Client, kind: int, count: int) -> None:
         """Ask for the items of a new list, one after the other."""
-        now = self._now()
+        now = self._node.brain.now
         self._uploads[kind] = Upload(client, 0, count - 1, now, now)
         self.ask(kind)
 
     def ask(self, kind: int) -> None:
         upload = self._uploads[kind]
-        upload.asked = self._now()
+        upload.asked = self._node.brain.now
         upload.client.reply(self.REQUEST, seq=upload.next, mission_type=kind)
 
     def drop(self, kind: int) -> None:

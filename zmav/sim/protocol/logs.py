@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from zmav.sim.autopilots.base import Autopilot
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 MOST = 4 << 20
@@ -28,26 +28,22 @@ ERROR, INFO = 3, 6
 class Log:
     """One flight's log; ``end_s``: UTC when it ended, or began where it has not."""
 
-    number: int
+    name: str
     data: bytearray
     end_s: float
 
-    @property
-    def name(self) -> str:
-        return f"{self.number:08d}.BIN"
-
 
 class LogStore:
-    """The logs of one vehicle, oldest first, within bounds."""
+    """The logs of one vehicle, oldest first, within bounds. ``form`` makes file names of numbers, from ``first`` on."""
 
-    def __init__(self, most: int = MOST, most_one: int = MOST_ONE) -> None:
-        self._most, self._most_one = most, most_one
+    def __init__(self, form: str = "{:08d}.BIN", first: int = 1, *, most: int = MOST, most_one: int = MOST_ONE) -> None:
+        self._form, self._most, self._most_one = form, most, most_one
         self.logs: list[Log] = []
-        self._next = 1
+        self._next = first
 
     def begin(self, data: bytearray, now_s: float) -> Log:
         """A new log; its ``data`` may still grow, up to :data:`MOST_ONE`."""
-        log = Log(self._next, data, now_s)
+        log = Log(self._form.format(self._next), data, now_s)
         self._next += 1
         while self.logs and sum(len(each.data) for each in self.logs) + self._most_one > self._most:
             self.logs.pop(0)
@@ -68,28 +64,28 @@ class LogStore:
 
 
 class FlightLog(Part, ABC):
-    """Begins a log when the vehicle is armed and ends it when it is disarmed. ``unix_us``: UTC as the GPS tells it."""
+    """Begins a log when the vehicle is armed and ends it when it is disarmed."""
 
-    def __init__(self, vehicle: Autopilot, store: LogStore, unix_us: Callable[[], int]) -> None:
-        self._vehicle, self._store, self.unix_us = vehicle, store, unix_us
+    def __init__(self, node: Node, store: LogStore) -> None:
+        self._node, self._store = node, store
         self._log: Log | None = None
 
     @property
     def time_us(self) -> int:
-        return int(self._vehicle.uptime * 1e6)
+        return int(self._node.brain.uptime * 1e6)
 
     @property
     def running(self) -> bool:
         return self._log is not None
 
     def tick(self, now: float) -> None:
-        if not self._vehicle.armed:
+        if not self._node.brain.armed:
             if self._log is not None:
-                self._log.end_s = self.unix_us() / 1e6
+                self._log.end_s = self._node.unix_us / 1e6
                 self._log = None
             return
         if self._log is None:
-            self._log = self._store.begin(self.begin(), self.unix_us() / 1e6)
+            self._log = self._store.begin(self.begin(), self._node.unix_us / 1e6)
             self.begun(self._log)
 
     @abstractmethod

@@ -10,7 +10,7 @@ import math
 
 from zmav.sim.autopilots.arducopter.base import CopterBase
 from zmav.sim.autopilots.ardupilot.state import Mode
-from zmav.sim.control.setpoints import Axis, Spool
+from zmav.sim.control.setpoints import Axis, Spool, from_nose
 
 CENTI = 0.01
 TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off
@@ -90,13 +90,8 @@ class Loiter(AltHold):
         if not self.lifts_off():
             return
         speed = copter.params["LOIT_SPEED"] * CENTI
-        c, s = math.cos(copter.sense.yaw), math.sin(copter.sense.yaw)
-        forward, right = pilot.pitch * speed, pilot.roll * speed
-        copter.sp.move(
-            vel=(forward * c - right * s, forward * s + right * c, 0.0),
-            horizontal=Axis.VELOCITY,
-            vertical=Axis.VELOCITY,
-        )
+        vel = from_nose((pilot.pitch * speed, pilot.roll * speed, 0.0), copter.sense.yaw)
+        copter.sp.move(vel=vel, horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
         self.by_throttle()
 
 

@@ -31,13 +31,14 @@ class ArduPlane(PlaneParts):
 
     auto: Auto
     guided: Guided
+    mode: PlaneMode
     reactions: PlaneReactions
 
     def make_modes(self) -> list[Mode]:
         self.way, self.launch = Way(self), Launch(self)
         self.landing = Landing(self, self.way)
         self.guided, self.auto = Guided(self), Auto(self)
-        self.autoland = AutoLand(self)
+        self.autoland, self.initialising = AutoLand(self), modes.Initialising(self)
         kinds: tuple[type[PlaneMode], ...] = (
             modes.Manual,
             modes.Circle,
@@ -45,9 +46,8 @@ class ArduPlane(PlaneParts):
             modes.Rtl,
             modes.Loiter,
             modes.Takeoff,
-            modes.Initialising,
         )
-        return [*(kind(self) for kind in kinds), self.guided, self.auto, self.autoland]
+        return [*(kind(self) for kind in kinds), self.initialising, self.guided, self.auto, self.autoland]
 
     def make_reactions(self) -> PlaneReactions:
         return PlaneReactions(self)
@@ -59,7 +59,7 @@ class ArduPlane(PlaneParts):
         self.landing.stop()
         self.reactions.reset()
         self._chosen_mode = self.mode
-        self.mode = self.modes[INITIALISING]
+        self.mode = self.initialising
 
     def _wake(self, stage: BootStage) -> None:
         super()._wake(stage)
@@ -120,16 +120,15 @@ class ArduPlane(PlaneParts):
         """The engine stays off until the launch; AUTOLAND's direction is that of the first course flown."""
         if self.throttle_suppressed and self.on_turn:
             self.throttle_suppressed = not self._launched()
-        if self.takeoff_direction is None and self.flying and self.groundspeed > COURSE_SPEED:
-            captures = isinstance(self.mode, PlaneMode) and self.mode.captures_direction
-            if captures or self.taking_off:
-                course = math.atan2(self.sense.ve, self.sense.vn) + math.radians(self.params["AUTOLAND_DIR_OFF"])
-                self.takeoff_direction = course
-                self.say(INFO, f"Autoland direction= {int(math.degrees(course) % 360.0)}")
+        captures = self.takeoff_direction is None and (self.mode.captures_direction or self.taking_off)
+        if captures and self.flying and self.groundspeed > COURSE_SPEED:
+            course = math.atan2(self.sense.ve, self.sense.vn) + math.radians(self.params["AUTOLAND_DIR_OFF"])
+            self.takeoff_direction = course
+            self.say(INFO, f"Autoland direction= {int(math.degrees(course) % 360.0)}")
 
     def _launched(self) -> bool:
         """Whether the engine may run, in a mode that runs it by itself."""
-        if not (isinstance(self.mode, PlaneMode) and self.mode.auto_throttle):
+        if not self.mode.auto_throttle:
             return True
         moving = self.groundspeed >= LAUNCHED_SPEED
         if isinstance(self.mode, modes.Takeoff) or (self.mode is self.auto and not self.taken_off):

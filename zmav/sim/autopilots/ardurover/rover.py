@@ -22,6 +22,7 @@ class ArduRover(RoverBase):
 
     auto: Auto
     guided: Guided
+    mode: RoverMode
     reactions: RoverReactions
 
     def make_modes(self) -> list[Mode]:
@@ -47,12 +48,6 @@ class ArduRover(RoverBase):
     # ---- what it knows
 
     @property
-    def driving_mode(self) -> RoverMode:
-        """The mode, with what a rover's has."""
-        assert isinstance(self.mode, RoverMode)
-        return self.mode
-
-    @property
     def no_radio(self) -> bool:
         return self.reactions.no_radio
 
@@ -75,7 +70,7 @@ class ArduRover(RoverBase):
 
     def change_speed(self, limit: str, value: float) -> None:
         if limit == "speed":
-            self.driving_mode.set_speed(value)
+            self.mode.set_speed(value)
 
     def arming_faults(self, *, forced: bool) -> list[str]:
         faults = self.mandatory_faults() if forced else self.prearm_faults()

@@ -52,16 +52,11 @@ class Rates(msgspec.Struct, frozen=True):
     thrust: float
 
 
-class Torque(msgspec.Struct, frozen=True):
-    """Torques (-1 to 1) and thrust (0 to 1)."""
-
-    roll: float
-    pitch: float
-    yaw: float
-    thrust: float
+class Torque(Rates, frozen=True):
+    """Torques (-1 to 1) in their place."""
 
 
-Wish = Motion | Attitude | Rates | Torque
+Wish = Motion | Attitude | Rates
 
 
 class Offboard:
@@ -128,7 +123,7 @@ class Offboard:
     @property
     def by_thrust(self) -> bool:
         """The thrust is given: nothing is ramped up for a takeoff."""
-        return isinstance(self.wish, Attitude | Rates | Torque)
+        return isinstance(self.wish, Attitude | Rates)
 
     def fly(self) -> None:
         """Hand the wish to the controllers."""
@@ -146,10 +141,8 @@ class Offboard:
             else:
                 sp.heading(wish.yaw)
         elif isinstance(wish, Rates):
-            sp.rates(wish.roll, wish.pitch, wish.yaw)
-            sp.direct_thrust(wish.thrust)
-        elif isinstance(wish, Torque):
-            sp.torque(wish.roll, wish.pitch, wish.yaw)
+            turn = sp.torque if isinstance(wish, Torque) else sp.rates
+            turn(wish.roll, wish.pitch, wish.yaw)
             sp.direct_thrust(wish.thrust)
 
     def _move(self, wish: Motion) -> None:

@@ -11,7 +11,7 @@ from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.modes import ALTCTL, POSCTL, Mode
 from zmav.sim.autopilots.px4.state import Px4State
-from zmav.sim.control.setpoints import Axis, Spool
+from zmav.sim.control.setpoints import Axis, Spool, from_nose
 
 RADIO_ONLY, DISABLED = 0, 4  # COM_RC_IN_MODE
 TAKEOVER = 0.12  # of a stick's way: a pilot who moves it more takes an automatic mode over (COM_RC_STICK_OV)
@@ -115,9 +115,7 @@ class Sticks:
 
     def _by_speed(self, roll: float, pitch: float) -> None:
         copter, speed = self._copter, self._copter.params["MPC_VEL_MANUAL"]
-        c, s = math.cos(copter.sense.yaw), math.sin(copter.sense.yaw)
-        forward, right = pitch * speed, roll * speed
-        vel = (forward * c - right * s, forward * s + right * c, 0.0)
+        vel = from_nose((pitch * speed, roll * speed, 0.0), copter.sense.yaw)
         copter.sp.limit("speed", speed)
         copter.sp.move(vel=vel, horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
         self._by_climb()

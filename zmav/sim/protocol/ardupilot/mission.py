@@ -12,6 +12,7 @@ from typing import Any
 
 from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.items import MISSION, Item, ItemStore
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.items import Client, ItemPart, Upload, acknowledge, read_item, send_item
 
 WARNING, INFO = 4, 6  # MAV_SEVERITY
@@ -19,20 +20,12 @@ _GUIDED, _CHANGE_ALT = 2, 3  # "current" of an item that is not for the list
 
 
 class MissionProtocol(ItemPart):
-    """Serves ``stores``. ``say(severity, text)`` speaks on every link; ``guided(item)`` takes an item that is to be
-    flown at once.
-    """
+    """Serves ``stores``; ``guided(item)`` takes an item that is to be flown at once."""
 
     REQUEST, ASK_AGAIN_S, GIVE_UP_S = "MISSION_REQUEST", 1.0, 8.0
 
-    def __init__(
-        self,
-        stores: Sequence[ItemStore],
-        say: Callable[[int, str], None],
-        now: Callable[[], float],
-        guided: Callable[[Item], MissionResult],
-    ) -> None:
-        super().__init__(stores, say, now)
+    def __init__(self, node: Node, stores: Sequence[ItemStore], guided: Callable[[Item], MissionResult]) -> None:
+        super().__init__(node, stores)
         self._guided = guided
 
     # ---- downloads
@@ -65,7 +58,7 @@ class MissionProtocol(ItemPart):
         store, count = self.stores[kind], msg["count"]
         if count > store.most:
             acknowledge(client, MissionResult.NO_SPACE, kind)
-            self._say(WARNING, f"Only {store.most} items are supported")
+            self._node.say(WARNING, f"Only {store.most} items are supported")
             return
         result = store.open(count)
         if result is not MissionResult.ACCEPTED:
@@ -113,7 +106,7 @@ class MissionProtocol(ItemPart):
             acknowledge(client, result, kind)
             self.drop(kind)
             return
-        upload.heard = self._now()
+        upload.heard = self._node.brain.now
         upload.next += 1
         if upload.next > upload.last:
             del self._uploads[kind]

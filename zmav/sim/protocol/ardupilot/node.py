@@ -50,17 +50,15 @@ class MavNode(Node, Generic[V_co]):
         self.vehicle = vehicle
         self._reached: int | None = None
         self._text_id = 0
-        self.storage = Storage(vehicle, lambda: self.unix_us)
+        self.storage = Storage(self, vehicle)
         for part in self.storage.parts:
             self.add(part)
         params = ParamProtocol(vehicle.params, lambda: self.channels, self.banner)
         self.add(params)
         stores = (vehicle.mission, vehicle.fence.items, vehicle.rally)
-        self.add(MissionProtocol(stores, self.say, lambda: vehicle.now, lambda item: guided_item(vehicle, item)))
+        self.add(MissionProtocol(self, stores, lambda item: guided_item(vehicle, item)))
         vehicle.report, vehicle.reached, vehicle.learned = self.report_to_all, self._item_reached, params.tell
-        self.add(
-            SigningPart(dialect, lambda: self.channels, lambda: vehicle.armed, self.say, lambda: self.unix_us / 1e6)
-        )
+        self.add(SigningPart(self))
         self.answer("HEARTBEAT", self._heartbeat)
         self.answer("TERRAIN_DATA", lambda channel, msg, sender: vehicle.terrain.take(msg))
         self.answer("SET_MODE", self._set_mode)

@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 from zmav import rotation
 from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.arduplane.base import INITIALISING
-from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol import reports
@@ -101,8 +100,7 @@ def _attitude_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
 def heartbeat(node: MavNode[ArduPlane]) -> Fields:
     plane = node.vehicle
     mixes = plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0
-    navigates = isinstance(plane.mode, PlaneMode) and plane.mode.navigates
-    return common.heartbeat_with(node, manual=mixes, stabilised=True, guided=navigates)
+    return common.heartbeat_with(node, manual=mixes, stabilised=True, guided=plane.mode.navigates)
 
 
 def sys_status(node: MavNode[ArduPlane]) -> Fields:

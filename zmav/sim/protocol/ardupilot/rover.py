@@ -41,12 +41,12 @@ def _change_speed(node: MavNode[ArduRover], c: Command) -> int:
     """Airspeed is taken for ground speed; climbs and descents there are none."""
     if int(c.p1) in (2, 3):
         return CommandResult.DENIED
-    return node.vehicle.driving_mode.set_speed(c.p2)
+    return node.vehicle.mode.set_speed(c.p2)
 
 
 def _go(node: MavNode[ArduRover], c: Command, where: Vector) -> bool:
     """A speed is refused where there was no place to go to before, as in ArduRover."""
-    if c.p1 > 0 and not node.vehicle.driving_mode.set_speed(c.p1):
+    if c.p1 > 0 and not node.vehicle.mode.set_speed(c.p1):
         return False
     node.vehicle.guided.go((where[0], where[1]))
     return True
@@ -142,7 +142,7 @@ def _attitude_target(rover: ArduRover, msg: dict[str, Any]) -> None:
 
 
 def heartbeat(node: MavNode[ArduRover]) -> Fields:
-    mode = node.vehicle.driving_mode
+    mode = node.vehicle.mode
     steered = mode.by_stick or node.vehicle.params["STICK_MIXING"] > 0
     return common.heartbeat_with(node, manual=steered, stabilised=False, guided=mode.autopilot)
 
@@ -150,7 +150,7 @@ def heartbeat(node: MavNode[ArduRover]) -> Fields:
 def sys_status(node: MavNode[ArduRover]) -> Fields:
     """Controllers are enabled, and healthy, in the modes that have them."""
     rover = node.vehicle
-    mode = rover.driving_mode
+    mode = rover.mode
     control = _STABILISES if mode.stabilises else 0
     control |= _DRIVES if mode.autopilot else 0
     gps = _GPS if rover.boot.has("gps") else 0
@@ -169,7 +169,7 @@ def vfr_hud(node: MavNode[ArduRover]) -> Fields:
 
 def nav_controller_output(node: MavNode[ArduRover]) -> Fields | None:
     """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in LOITER."""
-    mode = node.vehicle.driving_mode
+    mode = node.vehicle.mode
     if not mode.autopilot:
         return None
     bearing = round(math.degrees(mode.bearing)) % 360
@@ -182,7 +182,7 @@ def nav_controller_output(node: MavNode[ArduRover]) -> Fields | None:
 
 
 def position_target_global_int(node: MavNode[ArduRover]) -> Fields | None:
-    mode = node.vehicle.driving_mode
+    mode = node.vehicle.mode
     return common.target_place(node, mode.place if mode.autopilot else None)
 
 

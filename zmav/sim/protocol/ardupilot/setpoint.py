@@ -15,7 +15,7 @@ from zmav.sim.autopilots.ardupilot.plan import TERRAIN
 from zmav.sim.autopilots.ardupilot.state import AttitudeTarget, Quaternion, Target, YawWish
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.items import Item
-from zmav.sim.control.setpoints import Vector
+from zmav.sim.control.setpoints import Vector, from_nose
 from zmav.sim.geo import Position, to_ned
 
 _POS, _VEL, _ACC = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
@@ -50,7 +50,7 @@ def local_place(vehicle: ArduVehicle, msg: dict[str, Any]) -> Vector:
     """Where a SET_POSITION_TARGET_LOCAL_NED is, in the world's NED."""
     s, frame = vehicle.sense, msg["coordinate_frame"]
     about = vehicle.origin_world if frame == LOCAL else (s.north, s.east, s.down)
-    north, east, down = _turned(_three(msg, ("x", "y", "z")), s.yaw if frame in BODY_FRAMES else 0.0)
+    north, east, down = from_nose(_three(msg, ("x", "y", "z")), s.yaw if frame in BODY_FRAMES else 0.0)
     return about[0] + north, about[1] + east, about[2] + down
 
 
@@ -152,13 +152,7 @@ def _three(msg: dict[str, Any], names: tuple[str, str, str]) -> Vector:
 
 
 def _turn(vector: Vector | None, yaw: float) -> Vector | None:
-    return None if vector is None else _turned(vector, yaw)
-
-
-def _turned(vector: Vector, yaw: float) -> Vector:
-    """From forward-right-down to north-east-down."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    return vector[0] * c - vector[1] * s, vector[0] * s + vector[1] * c, vector[2]
+    return None if vector is None else from_nose(vector, yaw)
 
 
 def _yaw(msg: dict[str, Any], mask: int, about: float) -> YawWish:

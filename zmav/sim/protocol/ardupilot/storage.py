@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable
 from typing import NamedTuple
 from urllib.parse import parse_qsl
 
 from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Part
 from zmav.sim.protocol.filesystem import FileError, FileSystem
 from zmav.sim.protocol.ftp import FtpServer
@@ -49,10 +49,11 @@ GUESS = 12
 class DataflashLog(FlightLog):
     """What an ArduPilot writes while it is armed: its parameters, and what it says."""
 
-    def __init__(self, vehicle: ArduVehicle, store: LogStore, unix_us: Callable[[], int]) -> None:
-        super().__init__(vehicle, store, unix_us)
-        self._ardu = vehicle
-        self._writer: DataflashWriter
+    _writer: DataflashWriter
+
+    def __init__(self, node: Node, vehicle: ArduVehicle, store: LogStore) -> None:
+        super().__init__(node, store)
+        self._vehicle = vehicle
 
     def say(self, severity: int, text: str) -> None:
         if self.running:
@@ -60,8 +61,8 @@ class DataflashLog(FlightLog):
 
     def begin(self) -> bytearray:
         self._writer = DataflashWriter((PARAMETER, MESSAGE), MOST_ONE)
-        self._writer.write(MESSAGE, self.time_us, f"{self._ardu.FIRMWARE} V4.7.0-dev")
-        params = self._ardu.params
+        self._writer.write(MESSAGE, self.time_us, f"{self._vehicle.FIRMWARE} V4.7.0-dev")
+        params = self._vehicle.params
         for name in params.names:
             self._writer.write(PARAMETER, self.time_us, name, params[name], math.nan)
         return self._writer.data
@@ -70,9 +71,9 @@ class DataflashLog(FlightLog):
 class Storage:
     """What one vehicle keeps. ``parts`` are what its node offers of it."""
 
-    def __init__(self, vehicle: ArduVehicle, unix_us: Callable[[], int]) -> None:
+    def __init__(self, node: Node, vehicle: ArduVehicle) -> None:
         self.logs = LogStore()
-        self.flight_log = DataflashLog(vehicle, self.logs, unix_us)
+        self.flight_log = DataflashLog(node, vehicle, self.logs)
         self.files = FileSystem(LOGS, "/APM/scripts", "/APM/terrain")
         self.files.attach(LOGS, self.logs.files, self.logs.remove)
         params = vehicle.params

@@ -12,24 +12,19 @@ from typing import Any
 from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.items import ALL, Item
 from zmav.sim.autopilots.px4.items import Px4Items
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.items import Client, ItemPart, Upload, acknowledge, read_item, send_item
 
 _CRITICAL = 2
 
 
 class Px4MissionProtocol(ItemPart):
-    """Serves ``stores``; ``say(severity, text)`` speaks to ground stations, ``changed(kind)`` tells of a new list."""
+    """Serves ``stores``; ``changed()`` tells of a new list."""
 
     REQUEST, ASK_AGAIN_S, GIVE_UP_S = "MISSION_REQUEST_INT", 0.25, 5.0
 
-    def __init__(
-        self,
-        stores: Sequence[Px4Items],
-        say: Callable[[int, str], None],
-        now: Callable[[], float],
-        changed: Callable[[], None],
-    ) -> None:
-        super().__init__(stores, say, now)
+    def __init__(self, node: Node, stores: Sequence[Px4Items], changed: Callable[[], None]) -> None:
+        super().__init__(node, stores)
         self._lists = {store.kind: store for store in stores}
         self._changed = changed
 
@@ -53,7 +48,7 @@ class Px4MissionProtocol(ItemPart):
 
     def count(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if self._uploads and not self._of(client, kind):
-            self._say(_CRITICAL, "Mission upload busy, already receiving seq 0\t")
+            self._node.say(_CRITICAL, "Mission upload busy, already receiving seq 0\t")
             acknowledge(client, MissionResult.ERROR, kind)
             return
         result = self._lists[kind].open(msg["count"])
@@ -69,7 +64,7 @@ class Px4MissionProtocol(ItemPart):
             acknowledge(client, MissionResult.ERROR, kind)
             return
         upload = self._uploads[kind]
-        upload.heard = self._now()
+        upload.heard = self._node.brain.now
         if msg["seq"] != upload.next:
             self.ask(kind)  # lost, or twice: the right one, please
             return
@@ -112,4 +107,4 @@ class Px4MissionProtocol(ItemPart):
         acknowledge(client, result, kind, opaque_id=self._lists[kind].opaque_id)
 
     def gave_up(self, upload: Upload, kind: int) -> None:
-        self._say(_CRITICAL, "Operation timeout\t")
+        self._node.say(_CRITICAL, "Operation timeout\t")

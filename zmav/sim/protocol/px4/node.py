@@ -120,12 +120,12 @@ class Px4Node(Node):
         self.events_sent = 0
         self._with_ground: list[Channel] = []  # where a ground station was heard
         copter.event = self.send_event
-        self.storage = Px4Storage(copter, lambda: self.unix_us)
+        self.storage = Px4Storage(self)
         for part in self.storage.parts:
             self.add(part)
         self.add(Px4ParamProtocol(copter.params, lambda: self.channels, lambda text: self.say(_WARNING, text)))
         stores = (copter.mission.items, copter.fence, copter.rally)
-        self.add(Px4MissionProtocol(stores, self.say, lambda: copter.now, copter.mission.renew))
+        self.add(Px4MissionProtocol(self, stores, copter.mission.renew))
         copter.mission.reached = self._item_reached
         self.answer("HEARTBEAT", self._heartbeat)
         self.answer("SET_MODE", self._set_mode)

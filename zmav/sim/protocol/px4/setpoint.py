@@ -12,6 +12,7 @@ from zmav import rotation
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import OFFBOARD
 from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Torque, Wish
+from zmav.sim.control.setpoints import from_nose
 from zmav.sim.geo import Position, to_ned
 
 _LOCAL, _BODY = 1, 8  # MAV_FRAME
@@ -140,8 +141,7 @@ def _turned(vector: Partial, yaw: float) -> Partial:
     x, y, z = vector
     if x is None or y is None or z is None:
         return NOTHING
-    c, s = math.cos(yaw), math.sin(yaw)
-    return x * c - y * s, x * s + y * c, z
+    return from_nose((x, y, z), yaw)
 
 
 def _shifted(vector: Partial, about: tuple[float, float, float]) -> Partial:

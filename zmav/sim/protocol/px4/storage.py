@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel, Part, Sender
 from zmav.sim.protocol.filesystem import FileSystem
 from zmav.sim.protocol.ftp import FtpServer
@@ -22,24 +22,21 @@ _REAL32 = 9  # MAV_PARAM_TYPE
 class UlogFlight(FlightLog):
     """What a PX4 writes while it is armed."""
 
-    def __init__(self, copter: Px4Copter, store: LogStore, unix_us: Callable[[], int]) -> None:
-        super().__init__(copter, store, unix_us)
-        self._copter = copter
-        self._writer: UlogWriter
+    _writer: UlogWriter
 
     def say(self, severity: int, text: str) -> None:
         if self.running:
             self._writer.text(severity, self.time_us, text)
 
     def begin(self) -> bytearray:
-        params = self._copter.params
+        params = self._node.brain.params
         values = {name: params[name] if params.type_of(name) == _REAL32 else int(params[name]) for name in params.names}
         info = {"sys_name": "PX4", "ver_hw": "PX4_SITL", "ver_sw": "zmav-sim"}
         self._writer = UlogWriter(self.time_us, MOST_ONE, info=info, params=values)
         return self._writer.data
 
     def begun(self, log: Log) -> None:
-        self._copter.say(6, f"[logger] .{LOGS}/{_name(log)}\t")
+        self._node.say(6, f"[logger] .{LOGS}/{log.name}\t")
 
 
 class Px4LogProtocol(LogProtocol):
@@ -82,27 +79,17 @@ class Px4LogProtocol(LogProtocol):
 class Px4Storage:
     """What one vehicle keeps. ``parts`` are what its node offers of it."""
 
-    def __init__(self, copter: Px4Copter, unix_us: Callable[[], int]) -> None:
-        self.logs = LogStore()
-        self.flight_log = UlogFlight(copter, self.logs, unix_us)
+    def __init__(self, node: Node) -> None:
+        self.logs = LogStore("log{}.ulg", first=100)
+        self.flight_log = UlogFlight(node, self.logs)
         self.files = FileSystem(LOGS)
-        self.files.attach(LOGS, self._files, self._remove)
+        self.files.attach(LOGS, self.logs.files, self.logs.remove)
         self.ftp = FtpServer(self.files, session=0)
         self.protocol = Px4LogProtocol(self.logs)
 
     @property
     def parts(self) -> tuple[Part, ...]:
         return self.flight_log, self.protocol, self.ftp
-
-    def _files(self) -> dict[str, bytes]:
-        return {_name(log): bytes(log.data) for log in self.logs.logs}
-
-    def _remove(self, name: str) -> bool:
-        return any(self.logs.remove(log.name) for log in self.logs.logs if _name(log) == name)
-
-
-def _name(log: Log) -> str:
-    return f"log{99 + log.number}.ulg"
 
 
 class UlogWriter:
