@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from zmav import rotation, wire
+from zmav import rotation
 
 Array = npt.NDArray[np.float64]
 Level = Literal["position", "velocity", "altitude", "attitude", "rates"]
@@ -23,7 +23,7 @@ MOTORS = 8
 """whose saturation is told, at most"""
 
 
-def plain(vector: Array) -> wire.Vector:
+def plain(vector: Array) -> tuple[float, float, float]:
     """Three numbers as the wire has them."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
