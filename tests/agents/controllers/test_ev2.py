@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -35,7 +36,10 @@ def lemniscate(size: float = 4.0, speed: float = 3.5, height: float = 5.0, build
     return at
 
 
-REFERENCES = {"circle": circle(2.0, 3.0), "lemniscate": lemniscate()}
+REFERENCES = {
+    name: functools.lru_cache(maxsize=1)(at)  # all ways ask for the same moment
+    for name, at in {"circle": circle(2.0, 3.0), "lemniscate": lemniscate()}.items()
+}
 
 
 def wrong(error: float) -> Ev2:
