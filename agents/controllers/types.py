@@ -25,7 +25,8 @@ MOTORS = 8
 
 def plain(vector: Array) -> tuple[float, float, float]:
     """Three numbers as the wire has them."""
-    return float(vector[0]), float(vector[1]), float(vector[2])
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def _zeros() -> Array:
