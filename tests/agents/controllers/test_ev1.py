@@ -140,7 +140,7 @@ def test_a_turning_nose_is_followed_closer_with_the_turn_fed_forward() -> None:
         ]
         return float(np.abs(late).mean())
 
-    with Flight(ways=2) as flight:
+    with Flight(ways=2, coarse=True) as flight:
         ways = [flight[0].fly_autopilot(turning, 4.0), flight[1].fly(Stack(Ev1()), turning, 4.0)]
         theirs, ours = flight.together(ways)
     assert miss(ours) < 0.5 * miss(theirs)

@@ -115,7 +115,7 @@ def test_takes_over_on_the_circle_without_a_jump() -> None:
 
 
 def test_the_battery_is_found_out_at_hand_over() -> None:
-    with Flight(noise="typical") as flight:
+    with Flight(noise="typical", coarse=True) as flight:
         ev2 = Ev2()
         flight.fly_autopilot(hover(), 3.0, shadow=ev2)
         log = flight.fly(ev2, hover(), 3.0)
