@@ -26,7 +26,7 @@ BEGIN = 7.0
 
 def along(trajectory: Trajectory) -> ReferenceAt:
     """At the trajectory's beginning until BEGIN, and along it from then on: a table, by cycles."""
-    rows = trajectory.at(np.arange(round((trajectory.duration + 2.0) / COARSE_CYCLE)) * COARSE_CYCLE)
+    rows = trajectory.at(np.arange(0, round((trajectory.duration + 2.0) / COARSE_CYCLE), dtype=float) * COARSE_CYCLE)
 
     def at(t: float) -> Reference:
         k = max(round((t - BEGIN) / COARSE_CYCLE), 0)
@@ -58,10 +58,10 @@ def test_what_it_misses_it_misses_near_the_corners() -> None:
     with Flight(wind=(3.0, 2.0, 0.0), noise="rtk", slow=10, height=8.0, ways=4, alike=False, coarse=True) as flight:
         halves = flight.together([flown(flight[way], HALVES[way % 2]) for way in range(4)])
     flights = [joined(*halves[:2]), joined(*halves[2:])]
-    for flight in flights:
-        assert summarise(flight, ROUTE).rms < 0.2
+    for each in flights:
+        assert summarise(each, ROUTE).rms < 0.2
     first = flights[0]
-    mean = Errors(first.t, np.mean([flight.off for flight in flights], axis=0), first.along)
+    mean = Errors(first.t, np.mean([each.off for each in flights], axis=0), first.along)
     summary = summarise(mean, ROUTE)
     assert len(summary.peaks) >= 3
     assert summary.share_near == 1.0, summary

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.agents.controllers.conftest import HOVER
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut
@@ -234,13 +235,17 @@ async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_
 
 
 @ARDUCOPTER
-@pytest.mark.parametrize("controller", ["ev1-velocity", "ev1-attitude", "ev1-position"])
-async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field, controller: str) -> None:
+@pytest.mark.slow
+async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field) -> None:
     await field.vehicle.params.set("GUID_OPTIONS", 8.0)
-    await field.supervise(controller)
-    await field.vehicle.tell(controller, "engage")
-    await field.vehicle.tell(controller, "goto", pos=[2.0, 1.0, -10.5])
-    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (2.0, 1.0, -10.5)) < 0.7, 40.0)
+    away = (2.0, 1.0, -10.5)
+    for controller, place in (("ev1-velocity", away), ("ev1-attitude", HOVER), ("ev1-position", away)):
+        await field.supervise(controller)
+        await field.vehicle.tell(controller, "engage")
+        await field.vehicle.tell(controller, "goto", pos=place)
+        there = lambda s, place=place: s.local is not None and math.dist(s.local, place) < 0.7  # noqa: E731
+        await field.wait_until(there, 40.0)
+        await field.dismiss()
 
 
 @ARDUCOPTER
