@@ -62,14 +62,9 @@ class State:
     @property
     def rotation(self) -> Array:
         """(3, 3) that turns body axes into NED."""
-        w, x, y, z = self.q
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        q = self.q.tolist()
+        # Its rows are what the world's axes are in the body's.
+        return np.array([rotation.to_body(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
 
     @property
     def euler(self) -> Array:
