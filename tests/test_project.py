@@ -47,6 +47,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "guard": set(),
         "shared": {"errors"},
         "bus": set(),
+        "tunable": {"errors"},
     },
     {
         "wire": set(),

@@ -22,7 +22,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -39,6 +38,8 @@ from zmav.services.orders.orders import Guarded, Orders, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.gate import Origin, ProofRefused, anybody
+from zmav.tunable import Tunable as Tunable
+from zmav.tunable import check_tunable
 from zmav.verbs import Access, Verb
 from zmav.waiting import within
 
@@ -59,28 +60,6 @@ TUNING: dict[str, Verb] = {
     "params": Verb("params", wire.Order, Access.READ, "all parameters, their values and bounds"),
 }
 """what every agent can be asked"""
-
-
-@dataclass(frozen=True)
-class Tunable:
-    """A parameter that may be changed while the agent runs, within its bounds."""
-
-    default: float
-    low: float
-    high: float
-    unit: str = ""
-    doc: str = ""
-
-
-def check_tunable(who: str, tunables: Mapping[str, Tunable], name: str, value: float) -> None:
-    """Raises :class:`~zmav.errors.BadInput` where there is no parameter of that name, or the value is out of bounds."""
-    known = tunables.get(name)
-    if known is None:
-        names = ", ".join(tunables) or "none"
-        raise BadInput(f"{who} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names)
-    if not (math.isfinite(value) and known.low <= value <= known.high):
-        expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
-        raise BadInput.wrong(name, value, expected, f"{name} = {value:g}")
 
 
 class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

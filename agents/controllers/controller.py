@@ -24,8 +24,8 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from agents.controllers.types import LEVELS, OUTPUTS, USUAL, Level, Output, Reference, State, Trim
-from zmav.agent import Tunable, check_tunable
 from zmav.errors import BadConfig
+from zmav.tunable import Tunable, check_tunable
 
 
 def parameter(default: float, low: float, high: float, unit: str = "", doc: str = "") -> float:

@@ -31,7 +31,7 @@ from agents.controllers.backstepping import Backstepping, Inner, Vec, add, angle
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.linearising import GRAVITY, Aim, Linearising, Outer
 from agents.controllers.loops.parts import down_axis
-from agents.controllers.types import Array, Output, Reference, State, TorqueThrust, Trim
+from agents.controllers.types import Output, Reference, State, TorqueThrust, Trim, plain
 from zmav.rotation import euler
 
 SETTLE_S = 1.0  # over so long the autopilot's thrust is set against the weight
@@ -99,23 +99,23 @@ class Ev2(Controller):
         since = since if 0.0 < since < SETTLE_S else 0.0
         self._seen = state.t
         self._weigh(state, trim.thrust, since)
-        error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
+        error, slip = plain(reference.pos - state.pos), plain(reference.vel - state.vel)
         acc, vel, axis, asked = (
-            _vec(reference.acc),
-            _vec(state.vel),
+            plain(reference.acc),
+            plain(state.vel),
             down_axis(state.q.tolist()),
             down_axis(trim.attitude.tolist()),
         )
         thrust = trim.thrust * self.full / self.mass
         self.outer.reset(self._outer_gains(), error, slip, acc, vel, axis, asked, thrust, since)
-        self.inner.reset(_vec(state.rates))
+        self.inner.reset(plain(state.rates))
         self.behind = None
 
     def update(self, state: State, reference: Reference) -> Output:
         dt = min(max(state.dt, 1e-4), LONGEST_S)
-        error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
-        acc, vel, axis = _vec(reference.acc), _vec(state.vel), down_axis(state.q.tolist())
-        angles, rates = euler(state.q.tolist()), _vec(state.rates)
+        error, slip = plain(reference.pos - state.pos), plain(reference.vel - state.vel)
+        acc, vel, axis = plain(reference.acc), plain(state.vel), down_axis(state.q.tolist())
+        angles, rates = euler(state.q.tolist()), plain(state.rates)
         turn = angle_rates(angles, rates)[2]
         aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, angles[2], turn, axis, dt)
         wanted = (aim.roll, aim.pitch, reference.yaw)
@@ -212,8 +212,3 @@ class Ev2(Controller):
             told[f"{name}.x"], told[f"{name}.y"], told[f"{name}.z"] = x, y, z
         told["thrust_n"] = aim.thrust * self.mass
         told["lyapunov"] = loop.lyapunov
-
-
-def _vec(row: Array) -> Vec:
-    x, y, z = row.tolist()
-    return x, y, z

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import sys
 import traceback
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,6 +25,8 @@ def load(what: str) -> type[Controller]:
     Raises :class:`~zmav.errors.BadConfig`, or whatever the file raises.
     """
     if not is_file(what):
+        from importlib.metadata import entry_points  # slow to load, and a file needs none
+
         known = {point.name: point for point in entry_points(group=GROUP)}
         if what not in known:
             text = f"no controller {what!r}: expected a file that ends in .py, or one of {', '.join(known)}"

@@ -9,7 +9,7 @@ import msgspec
 
 from agents.controllers import loading
 from zmav import wire
-from zmav.agent import Tunable
+from zmav.tunable import Tunable
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -24,8 +24,8 @@ from agents.controllers.types import (
     Trim,
     Velocity,
 )
-from zmav.agent import Tunable, check_tunable
 from zmav.errors import BadInput
+from zmav.tunable import Tunable, check_tunable
 
 LOOPS: Mapping[Level, type[Controller]] = {
     "position": PositionLoop,

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from zmav import rotation, wire
+from zmav import rotation
 
 Array = npt.NDArray[np.float64]
 Level = Literal["position", "velocity", "altitude", "attitude", "rates"]
@@ -23,9 +23,10 @@ MOTORS = 8
 """whose saturation is told, at most"""
 
 
-def plain(vector: Array) -> wire.Vector:
+def plain(vector: Array) -> tuple[float, float, float]:
     """Three numbers as the wire has them."""
-    return float(vector[0]), float(vector[1]), float(vector[2])
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def _zeros() -> Array:
@@ -61,14 +62,9 @@ class State:
     @property
     def rotation(self) -> Array:
         """(3, 3) that turns body axes into NED."""
-        w, x, y, z = self.q
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        q = self.q.tolist()
+        # Its rows are what the world's axes are in the body's.
+        return np.array([rotation.to_body(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
 
     @property
     def euler(self) -> Array:

@@ -18,9 +18,9 @@ import msgspec
 
 from agents.controllers import packets
 from agents.controllers.packets import Answer
-from zmav.agent import Tunable
 from zmav.errors import BadConfig, TimedOut
 from zmav.services.link.port import on_loop
+from zmav.tunable import Tunable
 
 logger = logging.getLogger(__name__)
 LOAD_TIMEOUT = 20.0

@@ -96,12 +96,6 @@ class Remote(ControlClient):
         except OSError as e:
             raise LinkDown(f"{what} has ended: {e.strerror}") from e
 
-    def __enter__(self) -> Remote:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
     def status(self) -> LabStatus:
         """Everything at this moment."""
         return msgspec.convert(self.call("status"), LabStatus)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
 from zmav.errors import TimedOut
@@ -33,3 +35,11 @@ def test_a_failure_is_told_to_who_waits_for_steps() -> None:
         waiting.result(PATIENCE_S)
     with pytest.raises(RuntimeError, match="a defect"):
         world.close()
+
+
+def test_a_world_that_is_started_twice_runs_in_one_thread() -> None:
+    others = set(threading.enumerate())
+    with World(copters=1, endpoint="tcp:0") as world:
+        world.start()
+        assert [each.name for each in set(threading.enumerate()) - others] == ["zmav-sim"]
+        world.call(lambda: None)

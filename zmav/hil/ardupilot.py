@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import selectors
 import socket
 import time
 from collections.abc import Callable
@@ -11,8 +10,7 @@ from typing import Any
 from zmav.errors import BadMessage
 from zmav.hil.json_fdm import PORT, PORT_STEP, JsonFdm
 from zmav.hil.plant import Plant
-from zmav.hil.vehicle import External, unopened
-from zmav.sim.endpoints import Wiring
+from zmav.hil.vehicle import LOOPBACK, Served
 
 READ_BYTES = 2048
 READS_PER_TURN = 16
@@ -24,62 +22,33 @@ def json_port(instance: int) -> int:
     return PORT + PORT_STEP * instance
 
 
-class JsonVehicle(External):
+class JsonVehicle(Served):
     """Answers one ArduPilot at ``port`` of loopback (UDP; port 0: any free one).
 
     The first that sends servo packets is answered; another, once that one has been silent for :data:`TAKEN_S`.
     """
 
-    autopilot = "ardupilot"
+    autopilot, transport, scheme = "ardupilot", "udp", "json"
     feels = frozenset({"motor", "battery", "rangefinder", "pitot"})  # the other sensors are its own simulation's
 
-    def __init__(
-        self,
-        name: str,
-        sysid: int,
-        plant: Plant,
-        say: Callable[[str], None],
-        port: int,
-    ) -> None:
-        super().__init__(name, sysid, plant, say)
+    def __init__(self, name: str, sysid: int, plant: Plant, say: Callable[[str], None], port: int) -> None:
+        super().__init__(name, sysid, plant, say, port)
         self.protocol = JsonFdm(plant)
-        self.bad = self.strangers = 0
-        self._at = ("127.0.0.1", port)
+        self.strangers = 0
         self._peer: Any = None
-        self._socket: socket.socket | None = None
-        self._selector: selectors.BaseSelector | None = None
 
-    def open(self, wiring: Wiring) -> None:
-        host, port = self._at
-        where = f"udp:{host}:{port}"
+    def _opened(self) -> socket.socket:
         opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            opened.setblocking(False)
-            opened.bind(self._at)
-        except OSError as error:
+            opened.bind((LOOPBACK, self.port))
+        except OSError:
             opened.close()
-            raise unopened(error, where, host, port) from error
-        self._socket, self._selector = opened, wiring.selector
-        self._at = (host, int(opened.getsockname()[1]))
-        wiring.selector.register(opened, selectors.EVENT_READ, self._read)
-
-    def close(self) -> None:
-        if self._socket is not None and self._selector is not None:
-            self._selector.unregister(self._socket)
-            self._socket.close()
-            self._socket = None
-
-    @property
-    def port(self) -> int:
-        return self._at[1]
-
-    @property
-    def url(self) -> str:
-        return f"json:{self._at[0]}:{self._at[1]}"
+            raise
+        return opened
 
     # ---- the stack's side
 
-    def _read(self) -> None:
+    def _ready(self) -> None:
         assert self._socket is not None
         for _ in range(READS_PER_TURN):
             try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import selectors
 import socket
 import time
 from collections.abc import Callable
@@ -10,10 +9,9 @@ from collections.abc import Callable
 from zmav.errors import BadMessage
 from zmav.hil.plant import Plant
 from zmav.hil.stream import FAULTS, HilStream
-from zmav.hil.vehicle import External, unopened
+from zmav.hil.vehicle import LOOPBACK, Served
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Splitter
-from zmav.sim.endpoints import Wiring
 from zmav.sim.endpoints.base import ByteLine
 
 PORT = 4560
@@ -27,7 +25,7 @@ def px4_port(instance: int) -> int:
     return PORT + instance
 
 
-class Px4Vehicle(External):
+class Px4Vehicle(Served):
     """Serves one PX4 at ``port`` of loopback (TCP; port 0: any free one).
 
     Until the first HIL_ACTUATOR_CONTROLS time goes on with the world's, which gives PX4 the clock to boot by. From then
@@ -37,7 +35,7 @@ class Px4Vehicle(External):
     A further connection takes the place of the one before: PX4 has started again, and the vehicle is put back.
     """
 
-    autopilot = "px4"
+    autopilot, transport, scheme = "px4", "tcp", "px4"
     feels = FAULTS
 
     def __init__(
@@ -50,47 +48,24 @@ class Px4Vehicle(External):
         epoch_us: int,
         port: int,
     ) -> None:
-        super().__init__(name, sysid, plant, say)
+        super().__init__(name, sysid, plant, say, port)
         self.stream = HilStream(plant, dialect, sysid, epoch_us)
-        self.bad = self.stalls = 0
-        self._at = ("127.0.0.1", port)
+        self.stalls = 0
         self._dialect = dialect
         self.splitter = Splitter(dialect)
-        self._server: socket.socket | None = None
-        self._selector: selectors.BaseSelector | None = None
         self.line: ByteLine | None = None
         self._awaiting = False  # controls that answer the last reading
         self._begun_us = 0  # the time of the first reading; 0: there was none yet
         self._sent = 0.0  # wall time of the last reading
 
-    def open(self, wiring: Wiring) -> None:
-        host, port = self._at
-        where = f"tcp:{host}:{port}"
-        try:
-            self._server = socket.create_server(self._at, backlog=4)
-        except OSError as error:
-            raise unopened(error, where, host, port) from error
-        self._selector = wiring.selector
-        self._server.setblocking(False)
-        self._at = (host, int(self._server.getsockname()[1]))
-        wiring.selector.register(self._server, selectors.EVENT_READ, self._accept)
+    def _opened(self) -> socket.socket:
+        return socket.create_server((LOOPBACK, self.port), backlog=4)
 
     def close(self) -> None:
         if self.line is not None:
             self.line.close()
             self.line = None
-        if self._server is not None and self._selector is not None:
-            self._selector.unregister(self._server)
-            self._server.close()
-            self._server = None
-
-    @property
-    def port(self) -> int:
-        return self._at[1]
-
-    @property
-    def url(self) -> str:
-        return f"px4:{self._at[0]}:{self._at[1]}"
+        super().close()
 
     @property
     def armed(self) -> bool:
@@ -98,10 +73,10 @@ class Px4Vehicle(External):
 
     # ---- the connection
 
-    def _accept(self) -> None:
-        assert self._server is not None and self._selector is not None
+    def _ready(self) -> None:
+        assert self._socket is not None and self._selector is not None
         try:
-            connection, _ = self._server.accept()
+            connection, _ = self._socket.accept()
         except OSError:
             return  # it left before it was let in
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

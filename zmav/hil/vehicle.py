@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import math
+import selectors
+import socket
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -14,15 +16,9 @@ from zmav.hil.plant import Plant
 from zmav.sim.endpoints import Wiring
 from zmav.sim.status import VehicleStatus
 
+LOOPBACK = "127.0.0.1"
 PATIENCE_S = 0.5  # of wall time: for so long the world waits for a stack that was heard of
 TURNING = 0.02  # throttle from which rotors count as turning
-
-
-def unopened(error: OSError, where: str, host: str, port: int) -> PortInUse | BadUrl:
-    """What to say of a port that could not be opened."""
-    if error.errno == errno.EADDRINUSE:
-        return PortInUse(f"{where} is in use by another program", port=port)
-    return BadUrl(f"{where}: {error}", field="host", value=host, expected="an address of this machine")
 
 
 class External(ABC):
@@ -156,3 +152,51 @@ class External(ABC):
             links=self.links,
             failed=self._ended or None,
         )
+
+
+class Served(External):
+    """One whose stack comes to us, at ``port`` of loopback (0: any free one)."""
+
+    transport: ClassVar[str]
+    """tcp or udp"""
+    scheme: ClassVar[str]
+    """of its URL"""
+
+    def __init__(self, name: str, sysid: int, plant: Plant, say: Callable[[str], None], port: int) -> None:
+        super().__init__(name, sysid, plant, say)
+        self.port = port
+        self.bad = 0
+        self._socket: socket.socket | None = None
+        self._selector: selectors.BaseSelector | None = None
+
+    @abstractmethod
+    def _opened(self) -> socket.socket:
+        """The socket at :attr:`port`; raises :class:`OSError`."""
+
+    @abstractmethod
+    def _ready(self) -> None:
+        """It can be read."""
+
+    def open(self, wiring: Wiring) -> None:
+        where = f"{self.transport}:{LOOPBACK}:{self.port}"
+        try:
+            opened = self._opened()
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise PortInUse(f"{where} is in use by another program", port=self.port) from error
+            expected = "an address of this machine"
+            raise BadUrl(f"{where}: {error}", field="host", value=LOOPBACK, expected=expected) from error
+        opened.setblocking(False)
+        self.port = int(opened.getsockname()[1])
+        self._socket, self._selector = opened, wiring.selector
+        wiring.selector.register(opened, selectors.EVENT_READ, self._ready)
+
+    def close(self) -> None:
+        if self._socket is not None and self._selector is not None:
+            self._selector.unregister(self._socket)
+            self._socket.close()
+            self._socket = None
+
+    @property
+    def url(self) -> str:
+        return f"{self.scheme}:{LOOPBACK}:{self.port}"

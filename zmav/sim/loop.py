@@ -121,7 +121,11 @@ class Loop:
         return self._runner is not None
 
     def start(self) -> None:
-        """Run in a thread of its own, which has begun when this returns."""
+        """Run in a thread of its own, which has begun when this returns; nothing where there is one already: two would
+        tick the same world.
+        """
+        if self._thread is not None:
+            return
         self._thread = threading.Thread(target=self._run_guarded, name="zmav-sim", daemon=True)
         self._thread.start()
         self._entered.wait()

@@ -26,6 +26,7 @@ from zmav.sim.faults import FaultStatus
 from zmav.sim.status import WorldStatus
 
 T = TypeVar("T")
+C = TypeVar("C", bound="ControlClient")
 
 SUFFIX = ".sock"
 LONGEST_PATH = 107  # bytes of a Unix socket's address
@@ -107,6 +108,12 @@ class ControlClient:
             self._socket.close()
             raise
 
+    def __enter__(self: C) -> C:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
     def close(self) -> None:
         self._socket.close()
 
@@ -153,12 +160,6 @@ class Remote(ControlClient):
             super().__init__(path, f"the simulator at {path}", timeout)
         except OSError as e:
             raise LinkDown(f"no simulator listens at {path}: start one with 'zmav sim'") from e
-
-    def __enter__(self) -> Remote:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     # ---- what every simulator can be asked
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.agents.controllers.conftest import HOVER
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut
@@ -83,8 +84,8 @@ async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, 
     await field.listen("mine")
     await vehicle.tell("mine", "engage")
     assert field.mode == "OFFBOARD"
-    answer = await vehicle.tell("mine", "goto", pos=[4.0, -3.0, -12.0], yaw=1.0)
-    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (4.0, -3.0, -12.0)) < 0.5, 30.0)
+    answer = await vehicle.tell("mine", "goto", pos=[2.5, -2.0, -11.0], yaw=1.0)
+    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (2.5, -2.0, -11.0)) < 0.5, 30.0)
     assert answer["seconds"] > 2.0
     turned = await field.wait_until(lambda s: s.attitude is not None and abs(s.attitude.yaw - 1.0) < 0.1, 30.0)
     assert turned.lease is not None and turned.lease.holder == "mine"
@@ -98,23 +99,28 @@ async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, 
     assert supervisor.cycles.phase == 0
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Field, mine: Path, fault: int) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("faults", [(1, 2, 3, 4), (5, 6, 7, 8)])
+async def test_the_autopilot_has_it_back_whatever_the_controller_does(
+    field: Field, mine: Path, faults: tuple[int, ...]
+) -> None:
     supervisor = await field.supervise(mine)
     await field.vehicle.tell("mine", "engage")
-    await field.vehicle.tell("mine", "set", name="fault", value=fault)
-    await field.until(lambda: field.mode == "HOLD", f"the autopilot has not got it after fault {fault}")
-    await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
-    assert supervisor.cycles.phase == 0
-    assert re.search(FAULTS[fault], supervisor.why), supervisor.why
-    await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
-    upright = lambda s: s.attitude is not None and abs(s.attitude.roll) + abs(s.attitude.pitch) < 0.2  # noqa: E731
-    await field.wait_until(upright, 20.0)
-    await field.until(lambda: supervisor.idle, "it is not over")
-    # Mended, it can be had again.
-    await field.vehicle.tell("mine", "set", name="fault", value=0.0)
-    await field.vehicle.tell("mine", "engage")
-    assert field.mode == "OFFBOARD"
+    for fault in faults:
+        supervisor.handed_back_ms = None
+        await field.vehicle.tell("mine", "set", name="fault", value=fault)
+        await field.until(lambda: field.mode == "HOLD", f"the autopilot has not got it after fault {fault}")
+        await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
+        assert supervisor.cycles.phase == 0
+        assert re.search(FAULTS[fault], supervisor.why), supervisor.why
+        await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
+        upright = lambda s: s.attitude is not None and abs(s.attitude.roll) + abs(s.attitude.pitch) < 0.2  # noqa: E731
+        await field.wait_until(upright, 20.0)
+        await field.until(lambda: supervisor.idle, "it is not over")
+        # Mended, it can be had again.
+        await field.vehicle.tell("mine", "set", name="fault", value=0.0)
+        await field.vehicle.tell("mine", "engage")
+        assert field.mode == "OFFBOARD"
 
 
 async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field, mine: Path) -> None:
@@ -206,8 +212,8 @@ async def test_the_class_in_the_documents_flies(field: Field, tmp_path: Path) ->
     path.write_text(page.partition("```python\n")[2].partition("```")[0])
     await field.supervise(path)
     await field.vehicle.tell("my_controller", "engage")
-    await field.vehicle.tell("my_controller", "goto", pos=[3.0, 2.0, -11.0])
-    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.5, 30.0)
+    await field.vehicle.tell("my_controller", "goto", pos=[2.0, 1.0, -10.5])
+    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (2.0, 1.0, -10.5)) < 0.5, 30.0)
     assert field.mode == "OFFBOARD"
 
 
@@ -229,13 +235,17 @@ async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_
 
 
 @ARDUCOPTER
-@pytest.mark.parametrize("controller", ["ev1-velocity", "ev1-attitude", "ev1-position"])
-async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field, controller: str) -> None:
+@pytest.mark.slow
+async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field) -> None:
     await field.vehicle.params.set("GUID_OPTIONS", 8.0)
-    await field.supervise(controller)
-    await field.vehicle.tell(controller, "engage")
-    await field.vehicle.tell(controller, "goto", pos=[3.0, 2.0, -11.0])
-    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.7, 40.0)
+    away = (2.0, 1.0, -10.5)
+    for controller, place in (("ev1-velocity", away), ("ev1-attitude", HOVER), ("ev1-position", away)):
+        await field.supervise(controller)
+        await field.vehicle.tell(controller, "engage")
+        await field.vehicle.tell(controller, "goto", pos=place)
+        there = lambda s, place=place: s.local is not None and math.dist(s.local, place) < 0.7  # noqa: E731
+        await field.wait_until(there, 40.0)
+        await field.dismiss()
 
 
 @ARDUCOPTER

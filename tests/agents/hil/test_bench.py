@@ -67,7 +67,6 @@ def ardupilot(path: Path, **params: float) -> Iterator[World]:
     """An ArduCopter on a pseudo-terminal, which simulates on board as far as its parameters show."""
     spec = VehicleSpec(endpoints=(f"pty:{path}",), params=params)
     with World([spec], home=HOME, speed=1.0) as world:
-        world.start()
         yield world
 
 

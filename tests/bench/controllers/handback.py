@@ -17,7 +17,7 @@ from tests.bench.controllers.echo import HANGS, IS_NOT_FINITE, RAISES
 from tests.bench.controllers.fake import OFFBOARD, FakeAutopilot
 from tests.bench.controllers.processes import START, Rig, signals_key, signals_of
 from tests.bench.controllers.spread import Spread, spread
-from tests.bench.controllers.trip import AGENT, echoing, engage
+from tests.bench.controllers.trip import AGENT, engage
 from zmav.errors import TimedOut
 
 KINDS = {"the pilot's switch": 0, "killed with -9": 0, "raises": RAISES, "hangs": HANGS, "gives nan": IS_NOT_FINITE}
@@ -37,17 +37,17 @@ class Back(msgspec.Struct):
     """to the last output at the link; less than nothing where none came any more"""
 
 
-async def measure(rounds: int) -> dict[str, Back]:
-    """Of each of :data:`KINDS`."""
+async def measure(run: Rig, fake: FakeAutopilot, rounds: int) -> dict[str, Back]:
+    """Of each of :data:`KINDS`; before anything had the supervisor be patient."""
     found: dict[str, Back] = {}
-    async with echoing() as (run, fake):
-        fake.at_once = False
-        process = _Process()
-        with run.listening({signals_key(AGENT): process.take}):
-            for kind, fails in KINDS.items():
-                await run.vehicle.tell(AGENT, "set", name="fails", value=fails)
-                rows = [await _once(run, fake, process, kind) for _ in range(rounds)]
-                found[kind] = Back(spread(row[0] for row in rows), spread(row[1] for row in rows))
+    fake.at_once = False
+    process = _Process()
+    with run.listening({signals_key(AGENT): process.take}):
+        for kind, fails in KINDS.items():
+            await run.vehicle.tell(AGENT, "set", name="fails", value=fails)
+            rows = [await _once(run, fake, process, kind) for _ in range(rounds)]
+            found[kind] = Back(spread(row[0] for row in rows), spread(row[1] for row in rows))
+    await run.vehicle.tell(AGENT, "set", name="fails", value=0)
     return found
 
 

@@ -119,26 +119,26 @@ async def engage(run: Rig) -> None:
     await run.vehicle.tell(AGENT, "sticks", level="rates")
 
 
-async def measure(seconds: float) -> Trip:
+async def measure(run: Rig, fake: FakeAutopilot, seconds: float) -> Trip:
     """``seconds``: of each of its three parts."""
-    async with echoing() as (run, fake):
-        await run.be_patient(AGENT)
-        await engage(run)
+    await run.be_patient(AGENT)
+    await engage(run)
+    await asyncio.sleep(SETTLE)
+    fake.at_once = True
+    back = await _watch(fake, seconds)
+    fake.at_once = False
+    anytime = await _watch(fake, seconds)
+    fake.at_once = True
+    await run.vehicle.tell(AGENT, "set", name="signals_hz", value=500)
+    taps = Taps(run)
+    with run.listening(taps.listened):
         await asyncio.sleep(SETTLE)
-        back = await _watch(fake, seconds)
-        fake.at_once = False
-        anytime = await _watch(fake, seconds)
-        fake.at_once = True
-        await run.vehicle.tell(AGENT, "set", name="signals_hz", value=500)
-        taps = Taps(run)
-        with run.listening(taps.listened):
-            await asyncio.sleep(SETTLE)
-            begun = time.monotonic()
-            await asyncio.sleep(seconds)
-        sent = [each for each in fake.sent if each.at > begun]
-        radio, controller, output = (spread(effects(sent, seen)) for seen in (taps.radio, taps.controller, taps.output))
-        inside = spread(taps.inside)
-        return Trip(back=back, output=output, radio=radio, controller=controller, inside=inside, anytime=anytime)
+        begun = time.monotonic()
+        await asyncio.sleep(seconds)
+    sent = [each for each in fake.sent if each.at > begun]
+    radio, controller, output = (spread(effects(sent, seen)) for seen in (taps.radio, taps.controller, taps.output))
+    inside = spread(taps.inside)
+    return Trip(back=back, output=output, radio=radio, controller=controller, inside=inside, anytime=anytime)
 
 
 async def _watch(fake: FakeAutopilot, seconds: float) -> Spread:

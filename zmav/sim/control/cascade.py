@@ -182,20 +182,25 @@ class Cascade:
             self.thrust[ballistic] = sp.thrust[ballistic] * self._full_n
 
     def level(self, est: Estimated) -> None:
-        """Attitude loop, once a tick: sets the body rates to hold."""
+        """Attitude loop, once a tick: sets the body rates to hold, but those that are given."""
+        by_rates, given = self._by_rates, self.setpoints
+        if by_rates is None:
+            self.want_rate = self._rates(est)
+            return
+        rate = given.body.copy() if all_of(by_rates) else self._rates(est)
+        rate[:, by_rates] = given.body[:, by_rates]
+        # Beside body rates or torques a thrust does not wait for the outer loops' next turn.
+        direct = by_rates & (given.vertical == DIRECT)
+        self.thrust[direct] = given.thrust[direct] * self._full_n
+        self.want_rate = rate
+
+    def _rates(self, est: Estimated) -> Array:
+        """The body rates (3, N), rad/s, that bring the attitude to what is asked for."""
         error = quat_error(self.attitude, est.q)
         gains = self.gains
         rate = clamp(error[1:] * (2.0 * np.sign(error[0])) * gains.angle_p, -gains.rate_max, gains.rate_max)
         rate[2] += self._turn
-        if self._by_rates is not None:
-            rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
-            self._thrust_at_once(self._by_rates)
-        self.want_rate = rate
-
-    def _thrust_at_once(self, who: Flags) -> None:
-        """Beside body rates or torques a thrust does not wait for the outer loops' next turn."""
-        direct = who & (self.setpoints.vertical == DIRECT)
-        self.thrust[direct] = self.setpoints.thrust[direct] * self._full_n
+        return rate
 
     def inner(self, est: Estimated, dt: float) -> Array:
         """Rate loop and mix, with every step of the physics: throttles (M, N), 0..1."""

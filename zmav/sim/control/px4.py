@@ -134,7 +134,7 @@ class Px4Cascade(Cascade):
 
     # ---- attitude and rates
 
-    def level(self, est: Estimated) -> None:
+    def _rates(self, est: Estimated) -> Array:
         """Attitude loop: the axis of thrust first, the heading with ``yaw_weight`` of it."""
         g = self.gains
         down, wanted = body_z(est.q), body_z(self.attitude)
@@ -159,11 +159,7 @@ class Px4Cascade(Cascade):
             rate[0] += 2.0 * (x * z - w * y) * self._turn
             rate[1] += 2.0 * (y * z + w * x) * self._turn
             rate[2] += down[2] * self._turn
-        rate = clamp(rate, -g.rate_max, g.rate_max)
-        if self._by_rates is not None:
-            rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
-            self._thrust_at_once(self._by_rates)
-        self.want_rate = rate
+        return clamp(rate, -g.rate_max, g.rate_max)
 
     def inner(self, est: Estimated, dt: float) -> Array:
         if not any_of(self._flying):

@@ -7,17 +7,15 @@ hears only what is said from then on. See pty(7).
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import select
-import selectors
 import termios
 import tty
 from pathlib import Path
 
 from zmav.errors import BadUrl, PortInUse
 from zmav.sim.endpoints.address import Address
-from zmav.sim.endpoints.base import BACKLOG_BYTES, READ_BYTES, READS_PER_TURN, Switchboard, Wiring
+from zmav.sim.endpoints.base import BACKLOG_BYTES, ByteLine, Switchboard, Wiring
 
 USUAL_BAUD = 115200
 LOOK_EVERY = 10  # ticks, for somebody who opens the terminal
@@ -30,8 +28,7 @@ class PtyEndpoint:
         self.link = address.kind
         self._vehicle = vehicle
         self._wiring = wiring
-        self._backlog = bytearray()
-        self._attached = False
+        self._line: ByteLine | None = None  # to who has it open
         self._look_in = 0
         self._master, slave = os.openpty()
         try:
@@ -51,49 +48,36 @@ class PtyEndpoint:
         wiring.waiting.add(self)
 
     def clients(self) -> int:
-        return int(self._attached)
+        return int(self._line is not None)
 
     def room(self) -> int:
-        return BACKLOG_BYTES - len(self._backlog)
+        return BACKLOG_BYTES if self._line is None else self._line.room()
 
     def put(self, frame: bytes) -> None:
-        self._backlog += frame
-        self._wiring.waiting.add(self)
+        if self._line is not None:  # else nobody can hear it
+            self._line.put(frame)
+            self._wiring.waiting.add(self)
 
     def flush(self) -> bool:
         """Send what there is; look whether somebody has opened it."""
-        if not self._attached:
+        if self._line is None:
             self._look_in -= 1
             if self._look_in < 0:
                 self._look_in = LOOK_EVERY
                 if not self._hangup.poll(0):
-                    self._attach()
-        if not self._attached:
-            self._backlog.clear()
+                    # A descriptor of its own, which the line closes; the terminal stays for the next one.
+                    self._line = ByteLine(os.dup(self._master), self._wiring.selector, self._hear, self._detach)
             return False
-        try:
-            # A copy: one that a failed write's traceback still holds could not be cut.
-            sent = os.write(self._master, bytes(self._backlog)) if self._backlog else 0
-        except BlockingIOError:
-            sent = 0
-        except OSError:
-            self._detach()
-            return False
-        del self._backlog[:sent]
-        return not self._backlog
+        sent = self._line.flush()
+        return sent and self._line is not None
 
-    def _attach(self) -> None:
-        self._attached = True
-        self._backlog.clear()  # said before anybody could hear it
-        self._wiring.selector.register(self._master, selectors.EVENT_READ, self._read)
+    def _hear(self, data: bytes) -> None:
+        self._vehicle.receive(self._channel, data)
+        self.flush()
 
-    def _detach(self) -> None:
+    def _detach(self, why: str) -> None:
         """The client has closed the terminal: what it did not read is not for the next one."""
-        if not self._attached:
-            return
-        self._attached = False
-        self._wiring.selector.unregister(self._master)
-        self._backlog.clear()
+        self._line = None
         with contextlib.suppress(OSError, termios.error):
             slave = os.open(self.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             try:
@@ -102,23 +86,9 @@ class PtyEndpoint:
                 os.close(slave)
         self._wiring.waiting.add(self)
 
-    def _read(self) -> None:
-        for _ in range(READS_PER_TURN):
-            try:
-                data = os.read(self._master, READ_BYTES)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError as error:
-                if error.errno != errno.EIO:
-                    raise
-                self._detach()
-                return
-            self._vehicle.receive(self._channel, data)
-        self.flush()
-
     def close(self) -> None:
-        if self._attached:
-            self._wiring.selector.unregister(self._master)
+        if self._line is not None:
+            self._line.close()
         self._wiring.waiting.discard(self)
         if self._link is not None:
             with contextlib.suppress(OSError):

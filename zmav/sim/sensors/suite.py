@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from zmav.rotation import to_body
 from zmav.sim.arrays import Array
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.dynamics.body import Body
@@ -28,8 +29,6 @@ RANGE_MOUNT_M = 0.12  # of the rangefinder above the feet
 FULL_SCALE = 16.0 * GRAVITY  # of the accelerometers
 BOARD_WARMER_C = 17.0  # than the air
 _WHITE = 24  # numbers a reading takes
-
-Matrix = tuple[Vector, Vector, Vector]
 
 
 class _Epoch(NamedTuple):
@@ -162,20 +161,20 @@ class SensorSuite:
         white = self._whites(index)
         slow = self._drift.value[:, index].tolist()
         fixed = self._turn_on[:, index].tolist()
-        turn = _to_body(body.q[:, index].tolist())
+        q = body.q[:, index].tolist()
         height = self._place.alt_amsl_m - float(body.pos[2, index])
         rate = body.rate[:, index].tolist()
         gyro = [rate[i] + fixed[i] + slow[i] + noise.gyro_white * white[i] for i in range(3)]
-        accel = self._acceleration(index, turn, [fixed[3 + i] + slow[3 + i] for i in range(3)], white[3:9])
+        accel = self._acceleration(index, q, [fixed[3 + i] + slow[3 + i] for i in range(3)], white[3:9])
         shift = float(troubles.baro_shift[index]) + slow[6] + noise.baro_white_m * white[12]
         hpa = atmosphere.pressure_hpa(height + shift)
-        flow = _apply(turn, (body.vel[:, index] - body.wind[:, index]).tolist())[0]
+        flow = to_body(q, (body.vel[:, index] - body.wind[:, index]).tolist())[0]
         flow = 0.0 if troubles.pitot_lost[index] else flow
         dynamic = atmosphere.dynamic_pressure_hpa(flow, atmosphere.density(height)) + noise.pitot_white_hpa * white[13]
         return Readings(
             gyro=(gyro[0], gyro[1], gyro[2]),
             accel=accel,
-            mag=self._magnetic(index, turn, white[9:12]),
+            mag=self._magnetic(index, q, white[9:12]),
             pressure_hpa=hpa,
             pressure_alt_m=atmosphere.altitude_m(hpa),
             diff_pressure_hpa=dynamic,
@@ -194,11 +193,11 @@ class SensorSuite:
         numbers: list[float] = self._row[1][:, index].tolist()
         return numbers
 
-    def _acceleration(self, index: int, turn: Matrix, bias: list[float], white: list[float]) -> Vector:
+    def _acceleration(self, index: int, q: list[float], bias: list[float], white: list[float]) -> Vector:
         """Specific force; as much as the accelerometers can show."""
         north, east, down = self._body.accel[:, index].tolist()
         shake = self.vibration(index)
-        force = _apply(turn, [north, east, down - GRAVITY])
+        force = to_body(q, (north, east, down - GRAVITY))
         parts = [force[i] + bias[i] + self.noise.accel_white * white[i] + shake * white[3 + i] for i in range(3)]
         x, y, z = (min(max(part, -FULL_SCALE), FULL_SCALE) for part in parts)
         return x, y, z
@@ -207,7 +206,7 @@ class SensorSuite:
         """Root mean square of what shakes the accelerometers of one vehicle, m/s^2."""
         return self.noise.vibration * float(self.throttle[index]) + float(self.troubles.vibration[index])
 
-    def _magnetic(self, index: int, turn: Matrix, white: list[float]) -> Vector:
+    def _magnetic(self, index: int, q: list[float], white: list[float]) -> Vector:
         if self.troubles.compass_lost[index]:
             return 0.0, 0.0, 0.0
         angle = float(self.troubles.compass_turn[index])
@@ -216,7 +215,7 @@ class SensorSuite:
             # The field as it would be seen with the nose turned on: turned the other way about the vertical.
             c, s = math.cos(angle), math.sin(angle)
             north, east = north * c + east * s, east * c - north * s
-        field = _apply(turn, [north, east, down])
+        field = to_body(q, (north, east, down))
         hard, soft = self._hard_iron[:, index].tolist(), self._soft_iron[:, index].tolist()
         x, y, z = (field[i] * soft[i] + hard[i] + self.noise.mag_white * white[i] for i in range(3))
         return x, y, z
@@ -225,7 +224,8 @@ class SensorSuite:
         """What a downward rangefinder ``mount`` m above the feet measures along the body's down axis, m; NaN for what
         is not within its limits.
         """
-        toward = _to_body(self._body.q[:, index].tolist())[2][2]
+        _, across, along, _ = self._body.q[:, index].tolist()
+        toward = 1.0 - 2.0 * (across * across + along * along)  # how upright it is
         if toward < 1e-3 or self.troubles.range_lost[index]:
             return math.nan
         true = max(-float(self._body.pos[2, index]), 0.0) / toward + mount
@@ -260,18 +260,3 @@ class SensorSuite:
             eph_m=eph,
             epv_m=max(noise.gps_wander_down_m, 0.3),
         )
-
-
-def _to_body(q: list[float]) -> Matrix:
-    """Rows of the matrix that brings a vector of the world into body axes."""
-    w, x, y, z = q
-    return (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
-        (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
-        (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
-    )
-
-
-def _apply(matrix: Matrix, vector: list[float]) -> list[float]:
-    a, b, c = vector
-    return [row[0] * a + row[1] * b + row[2] * c for row in matrix]
