@@ -107,7 +107,11 @@ async def test_done_is_home_for_what_stays_armed_there() -> None:
         (north, east, _), (n, e, _) = (sim.status().ned_m for sim in world.vehicles)
         assert math.hypot(north, east) < 130.0 and math.hypot(n, e - 9.0) < 6.0
         assert told["plane1"].result["armed"] is True
-        (left,) = await FleetOrder(z, [rover], "land", wire.Order()).run()
+        order = FleetOrder(z, [rover, plane], "land", wire.Order())
+        landing = asyncio.create_task(order.run())
+        await plane.wait_until(lambda s: s.mode != "RTL", PATIENCE_S)
+        landing.cancel()  # a plane's way down takes a minute and a half
+        left = order.told["demo", "rover1"]
         assert (left.status, left.text) == ("left_out", "left out: a rover does not land")
         await rover.disarm()
         await rover.wait_until(lambda s: s.armed is False, PATIENCE_S)
