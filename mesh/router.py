@@ -25,7 +25,7 @@ from mesh.credentials.rosterwatch import RosterWatch, watch_roster
 from mesh.endpoint import host_port
 from mesh.plan import RouterPlan, is_rendezvous
 from mesh.profiles import PROFILES
-from mesh.quality import link_qualities
+from mesh.quality.publisher import link_qualities
 from mesh.radios import FoundRadio, Interfaces, interfaces
 from mesh.scouting import call_oftener
 from zmav import keys
