@@ -63,10 +63,14 @@ test: style $(if $(filter yes,$(PREPARED)),,prepare) ## check style, format and 
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version), and mypy --strict beside it"
 	@$(BIN)/python tests/run.py --beside '$(TYPES)' -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
 
-# Else each of the workers compiles both the kernels and the modules, and they begin together.
+# Else each of the workers compiles both the kernels and the modules, and they begin together. Tests are compiled by pytest
+# alone, as it looks for them: those that changed since it last did.
 prepare: $(VENV)/.dev ## compile what the tests use; then 'make test PREPARED=yes'
-	@$(BIN)/python -m pytest --collect-only -qq > /dev/null 2>&1 & modules=$$!; \
-	    $(WARM); compiled=$$?; wait $$modules || :; exit $$compiled
+	@touch $(VENV)/.compiling; \
+	    changed=$$(find tests -name 'test_*.py' $(if $(wildcard $(VENV)/.compiled),-newer $(VENV)/.compiled)); \
+	    { $(BIN)/python -m compileall -q -x '/test_\w+\.py' $(PACKAGES); [ -z "$$changed" ] || \
+	        $(BIN)/python -m pytest --collect-only -qq $$changed; } > /dev/null 2>&1 & modules=$$!; \
+	    $(WARM); compiled=$$?; wait $$modules || :; mv $(VENV)/.compiling $(VENV)/.compiled; exit $$compiled
 
 # The daemon of mypy keeps what it knows of the tree. Where it does not run, or finds something (now and then what is no
 # error), mypy itself decides. Unit tests wait for nothing: as many at a time as there are cores.
@@ -150,7 +154,7 @@ define install
 @$(PIP) install --no-compile --require-hashes --only-binary :all: -r $(VENV)/needed.txt
 @$(PIP) install --no-compile --no-deps --no-build-isolation -e .
 @$(BIN)/python -c 'import numpy, rich, zenoh, pymavlink.dialects.v20.ardupilotmega'
-@rm $(VENV)/.installing
+@rm -f $(VENV)/.installing $(VENV)/.compiled
 endef
 
 # Takes the first candidate that will do; if none will, says what is wrong with each. A 32-bit system may run on a 64-bit

@@ -186,7 +186,8 @@ put_settings() {
     chmod 644 "$ETC/vehicle.toml" "$ETC/vehicle.env"
 }
 
-# Sets NEW. What is not compiled here would be compiled at each start: the service cannot write there.
+# Sets NEW. What is not compiled here would be compiled at each start: the service cannot write there. What no start
+# loads is more than half of all: pip itself, others' tests, lexers.
 build() {
     local extras=$EXTRAS work each
     if [ -z "$extras" ] && [ -f "$OPT/current/extras" ]; then extras=$(cat "$OPT/current/extras"); fi
@@ -218,7 +219,7 @@ build() {
     printf '%s' "$extras" >"$NEW/extras"
     mkdir -p "$NEW/share/zmav"
     cp "$TREE"/deploy/systemd/*.service "$TREE"/deploy/udev/*.rules "$NEW/share/zmav/"
-    "$PYTHON" -m compileall -q -j 0 -x 'pymavlink/(dialects|generator|tools)' "$NEW/lib" >/dev/null || true
+    "$PYTHON" -m compileall -q -j 0 -x 'site-packages/pip/|/tests/|pygments/lexers/|pymavlink/(dialects|generator|tools)' "$NEW/lib" >/dev/null || true
     "$PYTHON" -m compileall -q "$NEW"/lib/python3*/site-packages/pymavlink/dialects/v20/{ardupilotmega,common}.py >/dev/null || true
     chmod -R go=rX "$NEW"
 }

@@ -20,12 +20,12 @@ import msgspec
 import zenoh
 
 from mesh.bearer.bearers import Bearers
-from mesh.bench.responder import Responder, responder
+from mesh.bench.responder import Responder
 from mesh.credentials.rosterwatch import RosterWatch, watch_roster
 from mesh.endpoint import host_port
 from mesh.plan import RouterPlan, is_rendezvous
 from mesh.profiles import PROFILES
-from mesh.quality import link_qualities
+from mesh.quality.publisher import link_qualities
 from mesh.radios import FoundRadio, Interfaces, interfaces
 from mesh.scouting import call_oftener
 from zmav import keys
@@ -121,7 +121,7 @@ async def watch_radios(session: zenoh.Session, plan: RouterPlan) -> AsyncIterato
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
 """Something that runs beside the router as long as it does"""
-PARTS: tuple[Part, ...] = (present_host, watch_radios, call_oftener, watch_roster, link_qualities, responder)
+PARTS: tuple[Part, ...] = (present_host, watch_radios, call_oftener, watch_roster, link_qualities, Responder)
 CLOSING_S = 1.0
 """how long a session's close is waited for: Zenoh 1.10 spends ten seconds on neighbours that it was calling in vain"""
 log = logging.getLogger(__name__)

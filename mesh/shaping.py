@@ -19,8 +19,6 @@ from typing import Any
 from zmav import keys
 from zmav.config import FleetConfig, Radio
 from zmav.config.mesh import parse_budget
-from zmav.mavlink import load_dialect
-from zmav.services.rates.demand import NOT_STREAMED
 
 READ = 12
 """messages of a vehicle that are read at once: those of a ground station's usual picture"""
@@ -69,6 +67,9 @@ def thinned(file: FleetConfig, radios: Sequence[Radio]) -> tuple[Thin, ...]:
 
 
 def _worked_out(budget: float, vehicles: int) -> dict[str, Thin]:
+    from zmav.mavlink import load_dialect  # with the autopilots' rules, which a router without a budget need not load
+    from zmav.services.rates.demand import NOT_STREAMED
+
     raw = _within(PART * budget / (vehicles * READ * MESSAGE_BYTES), RAW_HZ)
     state = _within(PART * budget / (vehicles * STATE_BYTES), STATE_HZ)
     source = f"budget of {budget / 1e3:.4g} kB/s among {vehicles}"

@@ -7,9 +7,9 @@ import pytest
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import Refused, ZmavError
-from zmav.services.orders.orders import OTHER
 from zmav.session import SessionSettings
 from zmav.vehicle import Vehicle
+from zmav.wire.orders import OTHER
 
 DONE = Answer(
     "zmav/demo/quad1/do/hold", wire.encode(wire.Outcome(verb="hold", status="done", took=0.1, result={"mode": "BRAKE"}))

@@ -23,7 +23,6 @@ from zmav.direct import direct
 from zmav.errors import BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.ratelimit import RateLimit
-from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import ask_everybody, challenge_vehicle
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached, proof_of_error
@@ -36,7 +35,7 @@ from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
 from zmav.vehicle.rates import want_key
 from zmav.vehicle.vehicle import is_meant
-from zmav.waiting import in_thread, within
+from zmav.waiting import in_thread, on_loop, within
 
 T = TypeVar("T")
 OVER = b"Timeout"

@@ -103,6 +103,14 @@ class Channel:
         """What stands behind the root."""
         return f"{{fleet}}/{self.path}" if self.path.startswith("@") else f"{{fleet}}/{{vehicle}}/{self.path}"
 
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """Of its keys; made when first asked for, as all of them take a twentieth of a verb's start. A fleet and a
+        vehicle are names, so that ``@fleet`` is nobody's; other parts may hold whatever a key may.
+        """
+        named = re.sub(r"{(fleet|vehicle)}", r"(?P<\1>[a-z0-9_-]+)", self.template)
+        return re.compile(f"{ROOT}/" + re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", named) + r"\Z")
+
     def publishing(self) -> dict[str, Any]:
         """Keyword arguments for ``declare_publisher``."""
         lane = zenoh.Reliability.RELIABLE if self.repeated else zenoh.Reliability.BEST_EFFORT
@@ -418,8 +426,8 @@ def check_message(name: str) -> str:
 
 def match(key: str) -> tuple[Channel, dict[str, str]]:
     """The channel a concrete key belongs to, and its parts by name; raises :class:`BadKey` for a foreign key."""
-    for channel, pattern in _PATTERNS:
-        found = pattern.match(key)
+    for channel in CHANNELS.values():
+        found = channel.pattern.match(key)
         if found:
             return channel, found.groupdict()
     raise BadKey(f"{key!r} is not a zmav key", field="key", value=key, expected=f"{ROOT}/<fleet>/<vehicle>/...")
@@ -431,15 +439,6 @@ def answerers(key: str) -> tuple[str, ...]:
         return () if "*" in key else match(key)[0].answerers
     except BadKey:
         return ()
-
-
-def _pattern(template: str) -> re.Pattern[str]:
-    """A fleet and a vehicle are names, so that ``@fleet`` is nobody's; other parts may hold whatever a key may."""
-    named = re.sub(r"{(fleet|vehicle)}", r"(?P<\1>[a-z0-9_-]+)", template)
-    return re.compile(f"{ROOT}/" + re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", named) + r"\Z")
-
-
-_PATTERNS = [(channel, _pattern(channel.template)) for channel in CHANNELS.values()]
 
 
 def expression(text: str, fleet: str = "*") -> str:

@@ -13,7 +13,7 @@ import zenoh
 from zmav import keys
 from zmav.direct import direct
 from zmav.errors import BadInput, Forbidden
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 T = TypeVar("T")
 

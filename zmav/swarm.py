@@ -23,10 +23,10 @@ import zenoh
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
-from zmav.services.orders.flight import DISARMED
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 from zmav.wire import swarm
+from zmav.wire.orders import DISARMED
 
 BEGIN = 1.5
 """s from its answer until its book has the goal. A book follows each change at once, and the next a second later: a

@@ -50,3 +50,16 @@ async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Callable[..., None]:
+    """``call``, made safe to call from any thread: it runs on ``loop``, or not at all once the loop has closed."""
+
+    def relay(*args: Any) -> None:
+        try:
+            loop.call_soon_threadsafe(call, *args)
+        except RuntimeError:
+            if not loop.is_closed():
+                raise
+
+    return relay

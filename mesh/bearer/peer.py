@@ -70,7 +70,8 @@ class Path:
         self._number = 0
         self._waiting: collections.OrderedDict[int, tuple[int, float]] = collections.OrderedDict()
         self._outcomes: collections.deque[bool] = collections.deque(maxlen=WINDOW)
-        self._health = Health.SILENT
+        self.health = Health.SILENT
+        """as it was last judged"""
         self._since = -math.inf
         self._next = 0.0
 
@@ -88,7 +89,7 @@ class Path:
         """s between probes: the path in use is watched closely."""
         if self._used is None:
             return max(IDLE_INTERVAL, self._least)
-        return max(SEARCH_INTERVAL if self._health is Health.SILENT else INTERVAL, self._least)
+        return max(SEARCH_INTERVAL if self.health is Health.SILENT else INTERVAL, self._least)
 
     @property
     def _patience(self) -> float:
@@ -139,36 +140,31 @@ class Path:
                 break
             del self._waiting[nonce]
             self._outcomes.append(False)
-        before, self._health = self._health, self._judged(now)
-        if self._health is not before:
+        before, self.health = self.health, self._judged(now)
+        if self.health is not before:
             self._since = now
             if before is Health.SILENT:
                 self._outcomes.clear()  # what was lost in the silence says nothing of how it carries now
-            elif self._health is Health.SILENT:
+            elif self.health is Health.SILENT:
                 self.hold = min(2.0 * self.hold, LONGEST_HOLD)
                 self.hurry(now)
-        elif self._health is Health.CARRIES and now - self._since > FORGIVEN:
+        elif self.health is Health.CARRIES and now - self._since > FORGIVEN:
             self.hold = HOLD
-        return self._health
+        return self.health
 
     def _judged(self, now: float) -> Health:
         # One that has just been taken was listened to more rarely until now.
         if self.heard is None or now - max(self.heard, self._used or 0.0) >= self._patience:
             return Health.SILENT
-        if self._health is Health.SILENT and self.heard <= self._since:
+        if self.health is Health.SILENT and self.heard <= self._since:
             return Health.SILENT  # its patience grew because it was left, and nothing has come since
-        if self._health is Health.LIMPS:
+        if self.health is Health.LIMPS:
             return Health.CARRIES if self.loss < CARRIES else Health.LIMPS
         return Health.LIMPS if self.loss > LIMPS else Health.CARRIES
 
     @property
     def loss(self) -> float:
         return 1.0 - sum(self._outcomes) / len(self._outcomes) if self._outcomes else 0.0
-
-    @property
-    def health(self) -> Health:
-        """As it was last judged."""
-        return self._health
 
     def better_for(self, now: float) -> float:
         """s that it has been as it is."""

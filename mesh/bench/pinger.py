@@ -11,7 +11,7 @@ from mesh.bench.statistics import SECOND, Samples
 from zmav import keys, wire
 from zmav.direct import direct
 from zmav.errors import BadInput
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 from zmav.wire.bench import BenchClock, BenchTrip, Pong
 
 TIMEOUT = 2.0

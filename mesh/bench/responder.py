@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 
 import zenoh
 
@@ -29,20 +29,10 @@ MOST_WAITING = 64
 Work = Callable[[str, bytes], BenchReport]
 
 
-@contextlib.asynccontextmanager
-async def responder(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[Responder]:
-    """The part of :class:`mesh.router.Router` that measures."""
-    found = Responder(session, plan)
-    found.start()
-    try:
-        yield found
-    finally:
-        await found.close()
-
-
 class Responder:
-    """One host's runs. On the event loop; what is asked waits in a lane of its own, bounded, and is proven there, so
-    that no flood of it reaches the loop. Pings have a thread: their answer is part of what is timed.
+    """The part of :class:`mesh.router.Router` that measures: one host's runs. On the event loop; what is asked waits in
+    a lane of its own, bounded, and is proven there, so that no flood of it reaches the loop. Pings have a thread: their
+    answer is part of what is timed.
     """
 
     def __init__(self, session: zenoh.Session, plan: RouterPlan) -> None:
@@ -51,10 +41,9 @@ class Responder:
         self._run: Run | None = None
         self._task: asyncio.Task[None] | None = None
         self.questions = Questions(session, Answers(None, None), anybody)
-        self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
 
-    def start(self) -> None:
+    async def __aenter__(self) -> Responder:
         loop = asyncio.get_running_loop()
 
         def channel(prove: Prove, work: Work) -> Channel:
@@ -76,16 +65,16 @@ class Responder:
         # One queryable is cheaper than three.
         key = f"{keys.ROOT}/{self._fleet}/{self._host}/bench/**"
         self._intake = Intake(self._session.declare_queryable, key, sort, MOST_WAITING)
+        return self
 
     def take_roster(self, roster: Roster) -> None:
         """The newest that our router has been told; older ones change nothing."""
         if self._gate is not None:
             self._gate.roster = roster
 
-    async def close(self) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self.questions.close()
-        if self._intake is not None:
-            self._intake.close()
+        self._intake.close()
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

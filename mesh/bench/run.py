@@ -19,9 +19,8 @@ from mesh.bench.pinger import Pinger
 from mesh.bench.statistics import SECOND, Samples, Tally
 from zmav import keys
 from zmav.errors import BadInput
-from zmav.services.link.port import on_loop
 from zmav.session import reason
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchState
 
 HEAD = struct.Struct("<IIq")

@@ -98,24 +98,12 @@ def document(flow: Flow) -> dict[str, Any]:
 
 RATE = 1e6
 """bit/s, as iperf's"""
-STREAM = Stream(seconds=20.0, hz=RATE / 8.0 / 1000.0, size=1000, qos="latest-wins")
-RTT = Stream(seconds=10.0, hz=50.0, size=64, qos="realtime")
-RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0)
-"""it goes on unasked for a minute: the cut may part us from the hosts"""
-
-
-class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
-    """What was asked for."""
-
-    a: str
-    b: str
-    kind: str
-    seconds: float | None = None
-    qos: keys.Qos | None = None
-    rate: str | None = None
-    hz: float | None = None
-    size: int | None = None
-    as_json: bool = False
+USUAL = {
+    "stream": Stream(seconds=20.0, hz=RATE / 8.0 / 1000.0, size=1000, qos="latest-wins"),
+    "rtt": Stream(seconds=10.0, hz=50.0, size=64, qos="realtime"),
+    # It goes on unasked for a minute: the cut may part us from the hosts.
+    "recover": Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0),
+}
 
 
 @click.command("bench")
@@ -135,78 +123,79 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C.")
 @json_option
 @connected
-def command(**given: Any) -> Work:
+def command(a: str, b: str, kind: str | None, as_json: bool, **given: Any) -> Work:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
     Rates and transfers are of payload.
     """
-    options = msgspec.convert({**given, "kind": given["kind"] or "stream"}, BenchOptions)
-    return lambda z: measure(z, options)
+    kind = kind or "stream"
+    stream = wanted(kind, **given)
+    return lambda z: measure(z, a, b, kind, stream, as_json)
 
 
-async def measure(z: Client, options: BenchOptions) -> None:
-    work = {"stream": _stream, "recover": _stream, "rtt": _rtt}[options.kind]
-    until = asyncio.Event()  # set by the first Ctrl-C, so that the hosts are told and what they saw is shown
+async def measure(z: Client, a: str, b: str, kind: str, stream: Stream, as_json: bool = False) -> None:
+    bench, until = Bench(z), asyncio.Event()  # set by the first Ctrl-C: hosts are told, and what they saw is shown
     stopped = asyncio.ensure_future(until_stopped())
     stopped.add_done_callback(lambda _: until.set())
     try:
-        await work(Bench(z), options, until)
+        first, second = (pong.host for pong in await bench.pair(a, b))
+        if kind == "rtt":
+            await _rtt(bench, first, second, stream, until, as_json)
+        else:
+            await _stream(bench, first, second, stream, until, as_json, recover=kind == "recover")
     finally:
         stopped.cancel()
         await asyncio.gather(stopped, return_exceptions=True)
 
 
-def wanted(options: BenchOptions, otherwise: Stream) -> Stream:
-    """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
-    if options.rate and options.hz:
-        raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
-    size, hz = options.size or otherwise.size, options.hz or otherwise.hz
-    if options.rate:
-        hz = bits_per_second(options.rate) / 8.0 / size
-    elif options.size and options.kind == "stream" and not options.hz:
-        hz = RATE / 8.0 / size
-    qos = options.qos.value if options.qos else otherwise.qos
-    return msgspec.structs.replace(otherwise, seconds=options.seconds or otherwise.seconds, hz=hz, size=size, qos=qos)
+def wanted(
+    kind: str,
+    seconds: float | None = None,
+    qos: str | None = None,
+    rate: str | None = None,
+    hz: float | None = None,
+    size: int | None = None,
+) -> Stream:
+    """What was asked for, and what is usual where nothing was said; raises :class:`BadInput`."""
+    if rate and hz:
+        raise BadInput("--rate or --hz, not both", field="rate", value=rate, expected="one of them")
+    usual = USUAL[kind]
+    size = size or usual.size
+    if rate or (kind == "stream" and not hz):
+        hz = (bits_per_second(rate) if rate else RATE) / 8.0 / size
+    return msgspec.structs.replace(
+        usual, seconds=seconds or usual.seconds, hz=hz or usual.hz, size=size, qos=qos or usual.qos
+    )
 
 
-async def _stream(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
-    recover, say = options.kind == "recover", not options.as_json
-    stream = wanted(options, RECOVER if recover else STREAM)
+async def _stream(
+    bench: Bench, a: str, b: str, stream: Stream, until: asyncio.Event, as_json: bool, *, recover: bool
+) -> None:
     seen = 0
 
     def on_interval(flow: Flow, interval: BenchInterval) -> None:
-        if options.as_json:
-            click.echo(dump({"interval": msgspec.to_builtins(interval)}, pretty=False))
+        if as_json:
+            click.echo(dump({"interval": msgspec.to_builtins(interval)}))
         elif not recover:
             click.echo(interval_line(flow, interval))
 
     def on_outage(flow: Flow, outage: BenchOutage) -> None:
         nonlocal seen
         seen += 1
-        if recover and say:
+        if recover and not as_json:
             click.echo(outage_line(seen, outage))
 
-    if say:
-        first, second = await bench.pair(options.a, options.b)
+    if not as_json:
         what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
-        click.echo(f"{first.host} > {second.host}: {what}, {stream.seconds:g} s")
+        click.echo(f"{a} > {b}: {what}, {stream.seconds:g} s")
         click.echo(f"waiting for silences of {duration(stream.silence)} and more" if recover else HEAD)
-    flow = await bench.stream(options.a, options.b, stream, until=until, on_interval=on_interval, on_outage=on_outage)
-    if options.as_json:
-        click.echo(dump(document(flow), pretty=False))
-        return
-    for line in (*([outages_summary(flow)] if recover else ()), *summary(flow)):
-        click.echo(line)
+    flow = await bench.stream(a, b, stream, until=until, on_interval=on_interval, on_outage=on_outage)
+    lines = [*([outages_summary(flow)] if recover else ()), *summary(flow)]
+    click.echo(dump(document(flow)) if as_json else "\n".join(lines))
 
 
-async def _rtt(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
-    stream = wanted(options, RTT)
-    first, second = await bench.pair(options.a, options.b)
-    trip = await bench.round_trips(first.host, second.host, stream, until=until)
-    if options.as_json:
-        click.echo(dump(msgspec.to_builtins(trip), pretty=False))
-        return
-    click.echo(f"{first.host} > {second.host}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
-    for line in trip_lines(trip):
-        click.echo(line)
+async def _rtt(bench: Bench, a: str, b: str, stream: Stream, until: asyncio.Event, as_json: bool) -> None:
+    trip = await bench.round_trips(a, b, stream, until=until)
+    head = f"{a} > {b}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz"
+    click.echo(dump(msgspec.to_builtins(trip)) if as_json else "\n".join([head, *trip_lines(trip)]))

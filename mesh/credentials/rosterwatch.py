@@ -26,7 +26,6 @@ from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.process import log
-from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
@@ -36,7 +35,7 @@ from zmav.trust.credentials import Credentials
 from zmav.trust.gate import anybody
 from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Allowance
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 LONGEST = 64.0
 """s: Trickle's longest interval"""

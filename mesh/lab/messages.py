@@ -62,33 +62,19 @@ class Begun(msgspec.Struct, frozen=True):
 
 
 class Set(msgspec.Struct, frozen=True):
-    """Change channels' conditions, all at one moment."""
+    """Change channels' conditions, all at one moment; none, and it only asks."""
 
-    channels: dict[int, Conditions]
-
-
-class AskCounters(msgspec.Struct, frozen=True):
-    """Answered with :class:`Counted`."""
+    channels: dict[int, Conditions] = {}
 
 
 class Counted(msgspec.Struct, frozen=True):
-    """By channel; CPU seconds of the relay so far, and frames under way."""
+    """What every later message is answered with. By channel; CPU seconds of the relay so far, and frames under way."""
 
     channels: list[Counters]
     cpu_s: float
     under_way: int
 
 
-class Done(msgspec.Struct, frozen=True):
-    """It is done."""
-
-
-class Failed(msgspec.Struct, frozen=True):
-    """It is not done, and why."""
-
-    errno: int
-    text: str
-
-
-Request = Begin | Set | AskCounters
-Answer = Begun | Counted | Done | Failed
+Request = Begin | Set
+Answer = Begun | Counted | OSError
+"""an error: it is not done, and why"""

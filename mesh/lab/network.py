@@ -147,8 +147,8 @@ class Network:
             except (OSError, EOFError) as e:
                 self._connection.close()  # what comes after all would be taken for the next answer
                 raise LabError(f"the lab's relay has died: {e}") from e
-        if isinstance(answer, messages.Failed):
-            raise LabError(answer.text, errno=answer.errno)
+        if isinstance(answer, OSError):
+            raise LabError(answer.strerror or str(answer), errno=answer.errno or 0)
         return answer
 
     # ---- hosts
@@ -223,7 +223,7 @@ class Network:
 
     def counted(self) -> messages.Counted:
         """All counters at one moment."""
-        answer = self._ask(messages.AskCounters())
+        answer = self._ask(messages.Set())
         assert isinstance(answer, messages.Counted)
         return answer
 

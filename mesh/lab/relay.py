@@ -162,14 +162,12 @@ class RelayNetwork:
         for medium in self._media:
             medium.changed()
 
-    def answer(self, request: messages.Request) -> messages.Answer:
+    def answer(self, request: messages.Set) -> messages.Counted:
         """Do what the lab asks."""
-        if isinstance(request, messages.Set):
-            now = time.monotonic()
-            for number, conditions in request.channels.items():
-                self._channels[number].set(conditions, now)
-            self._settle()
-            return messages.Done()
+        now = time.monotonic()
+        for number, conditions in request.channels.items():
+            self._channels[number].set(conditions, now)
+        self._settle()
         usage = resource.getrusage(resource.RUSAGE_SELF)
         return messages.Counted(
             channels=[self._channels[number].counters for number in range(len(self._channels))],
@@ -209,7 +207,7 @@ def serve(lab: Connection[Any, Any]) -> None:
         lab.send(messages.Begun(pid, network.networks))
         run(lab, network)
     except OSError as e:
-        lab.send(messages.Failed(e.errno or 0, e.strerror or str(e)))
+        lab.send(e)
     finally:
         if os.getpid() == 1:  # in a PID namespace of our own, and so these are all in it: nobody writes any more
             with contextlib.suppress(OSError):

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import zenoh
 
-from mesh.bench.responder import responder
+from mesh.bench.responder import Responder
 from mesh.plan import RouterPlan
 from mesh.router import Router
 from zmav import keys
@@ -186,7 +186,7 @@ async def main() -> None:
     name, listen, *connect = sys.argv[1:]
     plan = RouterPlan(fleet="demo", name=name, profile="lan", host=Host(), settings={})
     settings = SessionSettings(listen=listen.split(","), connect=connect)
-    async with Router(plan, settings, parts=(responder,)) as router:
+    async with Router(plan, settings, parts=(Responder,)) as router:
         raw = Raw(router.session)
         print(json.dumps({"up": name}), flush=True)
         while line := await asyncio.to_thread(sys.stdin.readline):

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 PATIENCE_S = 30.0
 Patience = Callable[[float], None]
 ROOT = Path(__file__).resolve().parent.parent.parent
+SPEED = 8.0
+"""times real time, while a test waits for a flight"""
 PLACE = ("-35.363261", "149.165230", "584.09")
 """Where the simulator's world begins"""
 
@@ -198,15 +200,25 @@ def vehicle(shared_vehicle: Vehicle) -> Iterator[Vehicle]:
     yield shared_vehicle
     left = shared_vehicle.sim.status()
     if left.armed or left.mode != "STABILIZE":
+        shared_vehicle.world.set_speed(SPEED)
         for order in (("land",), ("set_mode", "mode=STABILIZE")):
             shared_vehicle.zmav("do", "quad1", *order)
         shared_vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
+        shared_vehicle.world.set_speed(1.0)
+
+
+@pytest.fixture
+def hurried(vehicle: Vehicle) -> Iterator[None]:
+    """For a test that flies quad1: eight times as much is simulated, and sent to its agent, as the others need."""
+    vehicle.world.set_speed(SPEED)
+    yield
+    vehicle.world.set_speed(1.0)
 
 
 @pytest.fixture(scope="module")  # flying on beside all later tests, it would take a fifth of a core of each worker
 def shared_vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
     spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "FS_GCS_ENABLE": 1.0})
-    with World([spec], endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
+    with World([spec], endpoint="tcp:0", ready_s=0.5) as world:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         cache = ("--cache", str(tmp_path_factory.mktemp("cache")))
         link = ("--link", world.urls[0], "-l", endpoint)

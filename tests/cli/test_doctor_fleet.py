@@ -55,9 +55,6 @@ lat_deg = -35.363261
 lon_deg = 149.165230
 alt_amsl = 584.09
 
-[sim]
-speed = 2.0
-
 [mesh]
 lease = 1.0
 retry = 0.5
@@ -241,7 +238,7 @@ def cut(fleet: Fleet) -> None:
 def strangers(fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A third vehicle of quad1's system id, whose clock is off and whose zmav is another; then it dies."""
     sim, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
-    fleet.start("sim", "--copters", "1", "--speed", "2", "--seed", "3", "--endpoint", f"tcp:{sim}")
+    fleet.start("sim", "--copters", "1", "--seed", "3", "--endpoint", f"tcp:{sim}")
     up = fleet.start(
         "up",
         "--link",

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tests.cli.conftest import Here, Vehicle
 
 
+@pytest.mark.usefixtures("hurried")
 def test_levels_from_the_shell(vehicle: Vehicle) -> None:
     zmav, sim = vehicle.zmav, vehicle.sim
     zmav("do", "quad1", "arm")

@@ -95,6 +95,7 @@ def test_one_kind_of_a_file(plain: Vehicle, survey: Path, tmp_path: Path) -> Non
     assert len(plans.load(path, ENUMS).fence or []) == 3
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_mission_flown_from_the_shell(plain: Vehicle, survey: Path, tmp_path: Path) -> None:
     do, sim = plain.zmav, plain.sim
     do("mission", "upload", "quad1", str(survey), "--kind", "mission")

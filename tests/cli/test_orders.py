@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 30.0
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_flight_from_the_shell(vehicle: Vehicle) -> None:
     do, sim = vehicle.zmav, vehicle.sim
     assert do("do", "quad1", "arm").out == "quad1: arm done (armed True)\n"
@@ -47,6 +48,7 @@ def test_a_flight_from_the_shell(vehicle: Vehicle) -> None:
     vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
 
 
+@pytest.mark.usefixtures("hurried")
 def test_how_far_a_long_order_is_is_said_meanwhile(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "EVERY", 0.0)
     do = vehicle.zmav
@@ -57,6 +59,7 @@ def test_how_far_a_long_order_is_is_said_meanwhile(vehicle: Vehicle, monkeypatch
     assert do("do", "quad1", "land", "--json").err == "", "a script is told the end alone"
 
 
+@pytest.mark.usefixtures("hurried")
 def test_an_order_that_is_interrupted_says_that_the_vehicle_goes_on(vehicle: Vehicle, start: StartProcess) -> None:
     do = vehicle.zmav
     do("do", "quad1", "arm")

@@ -32,6 +32,7 @@ def until(vehicle: Vehicle, name: str, least_hz: float = 0.0, **same: Any) -> di
     return found
 
 
+@pytest.mark.usefixtures("hurried")
 def test_the_table_shows_what_comes_and_for_whom(vehicle: Vehicle) -> None:
     found = until(vehicle, "ATTITUDE", readers=["floor"], wanted_hz=10.0, least_hz=10.1)
     assert (found["sysid"], found["compid"], found["shed"]) == (1, 1, False)

@@ -104,8 +104,8 @@ def test_sim_up_brings_any_mix_into_the_key_space(
 
 @pytest.fixture
 def sim(start: StartProcess, tmp_path: Path) -> Sim:
-    """A simulator of two copters and a PX4 at ten times real time, with a control socket of its own."""
-    return Sim(start, tmp_path / "one.sock", "--copters", "2", "--px4", "1", "--speed", "10")
+    """A simulator of two copters and a PX4, with a control socket of its own."""
+    return Sim(start, tmp_path / "one.sock", "--copters", "2", "--px4", "1")
 
 
 class Sim:

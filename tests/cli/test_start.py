@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from tests.cli.conftest import Vehicle
 
 HEAVY = ("asyncio", "cryptography", "msgspec", "numpy", "pymavlink", "rich", "zenoh")
+VEHICLES_OWN = ("serial", "zmav.autopilots", "zmav.links", "zmav.services.companion", "zmav.services.orders")
+"""what stands beside an autopilot"""
 
 
-def loaded(code: str) -> set[str]:
+def loaded(code: str, names: tuple[str, ...] = HEAVY) -> set[str]:
     """Which of the heavy ones a program has loaded in the end."""
-    told = f"{code}\nimport sys\nprint('loaded', *(name for name in {HEAVY} if name in sys.modules))"
+    told = f"{code}\nimport sys\nprint('loaded', *(name for name in {names} if name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", told], check=True, capture_output=True, text=True)
     return set(done.stdout.splitlines()[-1].split()[1:])
 
@@ -32,6 +34,11 @@ def test_help_loads_no_verb() -> None:
 @pytest.mark.parametrize("module", ["agents.vehicle.cli", "agents.vehicle.run", "mesh.cli.router"])
 def test_what_runs_all_day_loads_what_it_uses(module: str) -> None:
     assert loaded(f"import {module}") == {"asyncio", "msgspec", "zenoh"}
+
+
+@pytest.mark.parametrize("verb", ["do", "ls", "goto"])
+def test_a_verb_that_asks_vehicles_loads_nothing_of_what_runs_on_them(verb: str) -> None:
+    assert loaded(f"import zmav.client, zmav.cli.{verb}", VEHICLES_OWN) == set()
 
 
 def test_up_reads_the_dialect_before_the_services_are_there() -> None:

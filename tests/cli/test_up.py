@@ -43,7 +43,7 @@ def watch(endpoint: str, *wanted: Callable[[zmav.VehicleState], bool], fleet: st
 
 def test_sigterm_ends_it_cleanly_and_takes_its_token_along(start: StartProcess, net: Net) -> None:
     endpoint = f"tcp/127.0.0.1:{port()}"
-    with World(copters=1, endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
+    with World(copters=1, endpoint="tcp:0", ready_s=0.5) as world:
         up = start("up", "--link", world.urls[0], "-l", endpoint)
         up.expect(f"demo/quad1: {world.urls[0]} on {endpoint}")
         ground, _ = net.router(endpoint)
@@ -92,13 +92,13 @@ def test_an_autopilot_may_come_late_go_and_come_again(start: StartProcess) -> No
     (early,) = watch(endpoint, lambda s: True)
     assert (early.connected, early.sysid, early.position, early.ready) == (False, None, None, None)
     up.expect("link down: ")
-    with World(copters=1, endpoint=f"tcp:{sim}", speed=8.0, ready_s=0.5):
+    with World(copters=1, endpoint=f"tcp:{sim}", ready_s=0.5):
         (there,) = watch(endpoint, lambda s: s.connected and s.position is not None)
         assert (there.sysid, there.autopilot, there.link) == (1, "ardupilot", "up")
     (gone,) = watch(endpoint, lambda s: not s.connected)
     assert (gone.sysid, gone.link) == (1, "down")
     up.expect("critical: autopilot silent")
-    with World(copters=1, endpoint=f"tcp:{sim}", speed=8.0, ready_s=0.5):
+    with World(copters=1, endpoint=f"tcp:{sim}", ready_s=0.5):
         watch(endpoint, lambda s: s.connected)
         up.expect("notice: autopilot 1 is heard again")
     assert up.stop() == 0
@@ -168,7 +168,7 @@ listen = ["LISTEN"]
 
 def test_a_fleet_file_names_link_listeners_fleet_and_origin(start: StartProcess, tmp_path: Path) -> None:
     endpoint, file = f"tcp/127.0.0.1:{port()}", tmp_path / "fleet.toml"
-    with World(copters=1, endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
+    with World(copters=1, endpoint="tcp:0", ready_s=0.5) as world:
         file.write_text(FLEET.replace("LINK", world.urls[0]).replace("LISTEN", endpoint))
         up = start("up", "--file", str(file))
         up.expect(f"alpha/quad1: {world.urls[0]} on {endpoint}")

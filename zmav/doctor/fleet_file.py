@@ -25,7 +25,7 @@ def check_file(path: str, name: str | None, own: Credentials | None = None) -> t
         table = file.host(name) if name is not None else None
     except ZmavError as e:
         return [topics.FILE.wrong(e.message, MEND)], None
-    found = [*_sysids(file), *(_table(name, table) if name and isinstance(table, VehicleConfig) else ())]
+    found = list(_table(name, table)) if name and isinstance(table, VehicleConfig) else []
     if own is not None and own.fleet != file.fleet:
         text = f"{path} is the fleet {file.fleet}'s, and the credentials are for {own.fleet}"
         found.append(topics.FILE.wrong(text, "write the same fleet in both, or give the other --credentials"))
@@ -36,17 +36,6 @@ def check_file(path: str, name: str | None, own: Credentials | None = None) -> t
         counts = f"vehicles: {len(file.vehicles)}, stations: {len(file.stations)}"
         found.append(topics.FILE.well(f"{path}: fleet {file.fleet}, {counts}" + (f"; here: {name}" if name else "")))
     return found, file
-
-
-def _sysids(file: FleetConfig) -> Iterator[Finding]:
-    first: dict[int, str] = {}
-    for name, table in file.vehicles.items():
-        if table.sysid is None:
-            continue
-        if table.sysid in first:
-            text = f"vehicles.{name}.sysid is {table.sysid}, as vehicles.{first[table.sysid]}.sysid is"
-            yield topics.FILE.wrong(text, "give one another, there and in its autopilot: MAV_SYSID, MAV_SYS_ID")
-        first.setdefault(table.sysid, name)
 
 
 def _table(name: str, table: VehicleConfig) -> Iterator[Finding]:

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from zmav import keys, wire
-from zmav.autopilots.ardupilot import ArduPilot
-from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput, TimedOut
 from zmav.mavlink.paramvalue import Value, same
 from zmav.services.params.values import digest
@@ -100,6 +98,9 @@ def own_params(autopilot: str, names: Iterable[str]) -> set[str]:
     """Those of ``names`` that are each vehicle's own: its system id, and what the autopilot (``ardupilot``, ``px4``)
     writes by itself: counters, ids of sensors, measurements. Another vehicle's are no use to it.
     """
+    from zmav.autopilots.ardupilot import ArduPilot  # beside what they load, which few who read parameters need
+    from zmav.autopilots.px4 import Px4
+
     patterns = next((each.own_params for each in (ArduPilot, Px4) if each.name == autopilot), ())
     return {name for name in names for pattern in patterns if fnmatch.fnmatchcase(name, pattern)}
 

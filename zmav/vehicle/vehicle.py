@@ -15,7 +15,6 @@ import zenoh
 from zmav import geo, keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, decode, describe, parse_frame
-from zmav.services.orders.orders import OTHER, UNKNOWN
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease, take_lease
 from zmav.vehicle.missions import Missions
@@ -23,6 +22,7 @@ from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
 from zmav.vehicle.terrain import GroundPieces
 from zmav.verbs import GRANTABLE, VERBS
+from zmav.wire.orders import OTHER, UNKNOWN
 
 if TYPE_CHECKING:
     from zmav.client import Answer, Client

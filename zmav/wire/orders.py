@@ -6,6 +6,13 @@ from typing import Any, Literal
 
 from zmav.wire.base import Told, Vector, Wire
 
+UNKNOWN = "unknown"
+"""the reason of a refusal to tell what became of an order that has not come"""
+OTHER = "other"
+"""the reason of a refusal by the one of two of one name that is not meant"""
+DISARMED = "disarmed"
+"""the reason of a refusal by a vehicle that flies nowhere"""
+
 
 class Order(Wire, kw_only=True):
     """Base of all ``do/*`` arguments.

@@ -11,7 +11,7 @@ import zenoh
 
 import zmav
 from mesh.bench.asker import Bench
-from mesh.bench.responder import Responder, responder
+from mesh.bench.responder import Responder
 from mesh.plan import RouterPlan
 from tests.conftest import PATIENCE_S, Net
 from zmav import keys
@@ -36,7 +36,7 @@ class Line:
     async def add(self, plan: RouterPlan, *connect: str) -> None:
         session, endpoint = self._net.router(*connect)
         self.sessions[plan.name], self.endpoints[plan.name] = session, endpoint
-        self.responders[plan.name] = await self._stack.enter_async_context(responder(session, plan))
+        self.responders[plan.name] = await self._stack.enter_async_context(Responder(session, plan))
 
     async def ask(self, name: str, credentials: str | None = None) -> Bench:
         """A client of that router."""

@@ -14,7 +14,7 @@ import pytest
 import zmav
 from mesh.bench.asker import HERE, Bench
 from mesh.bench.flow import Flow, Stream
-from mesh.bench.responder import responder
+from mesh.bench.responder import Responder
 from mesh.bench.run import HEAD, check, tag_of
 from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import watch_roster
@@ -361,7 +361,7 @@ async def test_who_was_turned_out_starts_none(net: Net, tmp_path: Path, monkeypa
     settings = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
     plan = plan_of("quad2", Credentials.load(folders["quad2"]))
     async with contextlib.AsyncExitStack() as stack:
-        router = await stack.enter_async_context(Router(plan, settings, (watch_roster, responder)))
+        router = await stack.enter_async_context(Router(plan, settings, (watch_roster, Responder)))
         client = zmav.open(fleet="demo", connect=[endpoint_of(router.session)], credentials=str(folders["ann"]))
         z = await stack.enter_async_context(client)
         ann = Bench(z)

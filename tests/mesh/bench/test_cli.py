@@ -21,11 +21,6 @@ from zmav.session import SessionSettings
 from zmav.waiting import within
 from zmav.wire.bench import BenchClock, BenchInterval, BenchReport, Spread
 
-
-def options(a: str, b: str, kind: str, **more: Any) -> verb.BenchOptions:
-    return verb.BenchOptions(a=a, b=b, kind=kind, **more)
-
-
 KINDS: list[tuple[str, dict[str, Any], list[str]]] = [
     ("rtt", {"seconds": 0.3}, ["quad1 > quad2: realtime, 64 B, 50 Hz", "0/15"]),
     ("stream", {"seconds": 0.2, "hz": 50.0}, ["quad1 > quad2", "one way", "(0 %)"]),
@@ -38,7 +33,7 @@ async def test_each_kind_is_told_in_words(line: Start, capsys: pytest.CaptureFix
     settings = SessionSettings(connect=[made.endpoints["quad1"]])
     for kind, more, said in KINDS:
         async with zmav.open(fleet="demo", settings=settings) as z:
-            await verb.measure(z, options("quad1", "quad2", kind, **more))
+            await verb.measure(z, "quad1", "quad2", kind, verb.wanted(kind, **more))
         printed = capsys.readouterr().out
         for words in said:
             assert words in printed, printed
@@ -64,9 +59,9 @@ async def test_ctrl_c_shows_the_totals_and_ends_it_on_the_hosts(line: Start) -> 
 
 async def test_json_holds_each_second_and_the_whole(line: Start, capsys: pytest.CaptureFixture[str]) -> None:
     made, _ = await line("quad1", "quad2")
-    given = options("quad1", "quad2", "stream", seconds=1.0, hz=50.0, size=100, as_json=True)
+    stream = verb.wanted("stream", seconds=1.0, hz=50.0, size=100)
     async with zmav.open(fleet="demo", connect=[made.endpoints["quad1"]]) as z:
-        await verb.measure(z, given)
+        await verb.measure(z, "quad1", "quad2", "stream", stream, as_json=True)
     *intervals, flow = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
     assert [each["interval"]["received"] for each in intervals] == [each["received"] for each in flow["intervals"]]
     assert flow["total"]["received"] == flow["sender"]["sent"]
@@ -78,7 +73,7 @@ def test_what_cannot_be_is_said(arguments: list[str]) -> None:
     given = dict(zip((a.strip("-") for a in arguments[::2]), arguments[1::2], strict=True))
     hz = float(given["hz"]) if "hz" in given else None
     with pytest.raises(BadInput) as caught:
-        verb.wanted(options("a", "b", "stream", rate=given["rate"], hz=hz), verb.STREAM)
+        verb.wanted("stream", rate=given["rate"], hz=hz)
     assert caught.value.detail["field"] == "rate"
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import bisect
 import time
 from collections.abc import Iterator
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from zmav.services.orders.orders import Report
+if TYPE_CHECKING:  # readers of files in the key space load this, too, and take no orders
+    from zmav.services.orders.orders import Report
 
 REPORT_EVERY = 0.2
 """s between two reports"""

@@ -14,6 +14,7 @@ from zmav.bus import Bus
 from zmav.links import Link
 from zmav.mavlink import Dialect, Frame, Splitter, decode
 from zmav.mavlink.signing import Signing
+from zmav.waiting import on_loop as on_loop
 from zmav.waiting import within
 
 Listener = Callable[[Frame], None]
@@ -99,19 +100,6 @@ def is_ours(ack: Mapping[str, Any], port: Port) -> bool:
     """An acknowledgement is for us: a ground station behind ``mav/tx`` may have asked the same; zero is everybody."""
     system, component = port.address
     return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
-
-
-def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Callable[..., None]:
-    """``call``, made safe to call from any thread: it runs on ``loop``, or not at all once the loop has closed."""
-
-    def relay(*args: Any) -> None:
-        try:
-            loop.call_soon_threadsafe(call, *args)
-        except RuntimeError:
-            if not loop.is_closed():
-                raise
-
-    return relay
 
 
 def one_waits(loop: asyncio.AbstractEventLoop, call: Callable[[Any], object]) -> Callable[[Any], None]:

@@ -24,13 +24,12 @@ from zmav.services.orders.orders import Report
 from zmav.services.status.px4_events import with_reasons
 from zmav.services.status.state import StateService
 from zmav.waiting import within
+from zmav.wire.orders import DISARMED
 
 RETRY_EVERY = 1.0
 """s between attempts to arm a vehicle that says no"""
 STOPS, STOP_EVERY = 3, 0.1
 """a stop has no acknowledgement, and may be lost"""
-DISARMED = "disarmed"
-"""the reason of a refusal by a vehicle that flies nowhere"""
 BEAT = 1.5
 """s in which a HEARTBEAT comes"""
 ARMED = 128

@@ -29,6 +29,7 @@ from zmav.services.queries.questions import Questions, Reply, Steps, refuse_para
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
 from zmav.waiting import in_thread
+from zmav.wire.orders import UNKNOWN
 
 logger = logging.getLogger(__name__)
 MOST_KEPT = 1000
@@ -43,10 +44,6 @@ MOST_BYTES = 4_000_000
 """of an order: a mission of 15,000 items"""
 MOST_ID = 64
 """characters of an id"""
-UNKNOWN = "unknown"
-"""the reason of a refusal to tell what became of an order that has not come"""
-OTHER = "other"
-"""the reason of a refusal by the one of two of one name that is not meant"""
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]

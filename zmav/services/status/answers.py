@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import zenoh
@@ -15,9 +16,11 @@ from zmav.config import BodyConfig, Failsafe, body_of
 from zmav.errors import BadInput
 from zmav.host import report
 from zmav.mavlink import describe
-from zmav.services.companion import Companion
-from zmav.services.link.timesync import TimeSync
 from zmav.services.queries.questions import Questions, Reply
+
+if TYPE_CHECKING:  # a ground host's router tells of its computer alone
+    from zmav.services.companion import Companion
+    from zmav.services.link.timesync import TimeSync
 
 KEY_DEPTH = 4  # zmav/fleet/vehicle/msg/NAME
 
