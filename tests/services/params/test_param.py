@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -340,9 +341,13 @@ HOSTILE: list[dict[str, Any]] = [
 
 async def test_junk_is_counted_and_changes_nothing(scene: StartScene) -> None:
     s = await (await scene()).read()
+
+    def counted(count: int) -> bool:
+        return bool(s.known.junk == count)
+
     for count, fields in enumerate(HOSTILE, 1):
         s.peer.junk(**fields)
-        await s.until(lambda count=count: s.known.junk == count, f"{count} of junk, with {fields}")
+        await s.until(partial(counted, count), f"{count} of junk, with {fields}")
         assert set(await s.values()) == set(HOME), fields
         assert (s.known.complete, s.known.count) == (True, 4), fields
 
