@@ -114,14 +114,13 @@ async def test_go_on_with_another_item(scene: Scene) -> None:
             await quad.missions.set_current(6)
 
 
-@pytest.mark.slow
-async def test_a_hundred_items_over_a_lossy_link(scene: Scene) -> None:
+async def test_many_items_over_a_lossy_link(scene: Scene) -> None:
     """20 % of the frames lost and 200 ms delay each way, all of it ten times as fast as life."""
     async with contextlib.AsyncExitStack() as stack:
         fast = stack.enter_context(world(speed=10.0))
         link = f"lossy:{fast.urls[0]}?loss=0.2&delay=0.02&seed=3"
         quad, agent = await scene(stack.enter_async_context, fast, link)
         agent.missions.pace = TransferTimes(reply=0.07, shortest=0.02, longest=0.15)
-        done = await quad.missions.upload(waypoints(100))
+        done = await quad.missions.upload(waypoints(30))
         assert done["mission"]["known_by"] == "read back"
-        assert (await quad.missions.download()).items == waypoints(100)
+        assert (await quad.missions.download()).items == waypoints(30)

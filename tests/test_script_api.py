@@ -178,3 +178,16 @@ def test_a_script_ends_with_its_result_or_its_error_in_words() -> None:
     assert str(exit_code(error=TimedOut("quad1 does not answer"))).endswith(": quad1 does not answer")
     with pytest.raises(ZeroDivisionError):  # a defect keeps its traceback
         exit_code(error=ZeroDivisionError())
+
+
+async def test_a_slow_reader_loses_the_oldest_and_is_told_how_many(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, z.subscribe("zmav/test/x", depth=3) as samples:
+        await net.linked(session, "zmav/test/x")
+        for n in range(10):
+            session.put("zmav/test/x", bytes([n]))
+        end = time.monotonic() + PATIENCE_S
+        while samples.dropped < 7 and time.monotonic() < end:
+            await asyncio.sleep(0.01)
+        assert [(await samples.get()).payload.to_bytes() for _ in range(3)] == [b"\x07", b"\x08", b"\x09"]
+        assert samples.dropped == 7

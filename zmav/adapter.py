@@ -34,6 +34,8 @@ MAX_UNKNOWN = 256
 WAITED_NOT_S = 20e-6
 """a read that took no longer found what it brought there already"""
 HEARTBEAT, TIMESYNC = 0, 111
+COMPONENT = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER: as what we speak"""
 
 
 class LinkChanged(NamedTuple):
@@ -76,7 +78,6 @@ class Adapter:
         dialect: Dialect,
         bus: Bus,
         *,
-        component: int = 191,
         signing: Signing | None = None,
     ) -> None:
         self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
@@ -84,9 +85,8 @@ class Adapter:
         self.splitter = Splitter(dialect)
         self.tx = TxCounters()
         self.heard = 0.0
-        self._component = component
         self.signing = signing
-        self._packer = Packer(dialect, 1, component)
+        self._packer = Packer(dialect, 1, COMPONENT)
         self._routes: dict[bytes, Stream] = {}
         self._streams: dict[tuple[int, int, int], Stream] = {}
         self._unknown = 0
@@ -196,12 +196,12 @@ class Adapter:
     def speak_as(self, sysid: int) -> None:
         """Use the vehicle's own system id, so that the companion never masks the loss of the real ground station."""
         if sysid != self._packer.sysid:
-            self._packer = Packer(self.dialect, sysid, self._component)
+            self._packer = Packer(self.dialect, sysid, COMPONENT)
 
     @property
     def address(self) -> tuple[int, int]:
         """The system and component id we speak as."""
-        return self._packer.sysid, self._component
+        return self._packer.sysid, COMPONENT
 
     def send(self, name: str, **fields: Any) -> bool:
         """Send a message of our own; False where the link is down or full."""

@@ -124,6 +124,8 @@ class Channel:
 _put = partial(Channel, kind="put")
 _asked = partial(Channel, kind="query", qos=Qos.MUST_ARRIVE, writers=(ANYONE,))
 _token = partial(Channel, kind="token", qos=Qos.MUST_ARRIVE, writers=(ANYONE,))
+_pictures = partial(Channel, qos=Qos.BULK, writers=(VEHICLE, AGENT), encoding=RAW, stale_after=1.0, repeated=False)
+_watched = partial(_put, payload=wire.FrameReport, writers=(ANYONE,), rate_hz=2.0, stale_after=3.0, repeated=False)
 
 RX = Channel("rx", "mav/rx/{sys}/{comp}/{msg}", encoding=RAW, recorded=True)
 """raw MAVLink frame, as it came from the vehicle"""
@@ -231,49 +233,17 @@ AGENT_OUT = Channel(
 """numbers that an agent streams: references, errors, integrators, outputs"""
 SLOT = _token("slot", "slot/{target}/{slot}/{since}/{instance}", writers=PROGRAMS)
 """liveliness token: the vehicle keeps a place relative to a target, since when (UTC ms); the first has it"""
-FRAME = Channel(
-    "camera_frame",
-    "camera/{camera}/frame",
-    qos=Qos.BULK,
-    writers=(VEHICLE, AGENT),
-    encoding=RAW,
-    stale_after=1.0,
-    repeated=False,
-)
+FRAME = _pictures("camera_frame", "camera/{camera}/frame")
 """pictures as JPEG in chunks of at most 1.1 kB, each with its place in the picture and the time of exposure"""
 CAMERA = _asked("camera", "camera/{camera}/info", wire.CameraInfo)
 """the camera's lens, mount, size and rate"""
-FRAME_REPORT = _put(
-    "frame_report",
-    "camera/{camera}/report/{reader}",
-    wire.FrameReport,
-    writers=(ANYONE,),
-    rate_hz=2.0,
-    stale_after=3.0,
-    repeated=False,
-)
+FRAME_REPORT = _watched("frame_report", "camera/{camera}/report/{reader}")
 """what comes of the pictures at a reader, whose link they are adapted to"""
-VIDEO = Channel(
-    "camera_video",
-    "camera/{camera}/video",
-    qos=Qos.BULK,
-    writers=(VEHICLE, AGENT),
-    encoding=RAW,
-    stale_after=1.0,
-    repeated=False,
-)
+VIDEO = _pictures("camera_video", "camera/{camera}/video")
 """H.264 as the camera encodes it: access units in chunks of at most 1.1 kB (docs/video.md)"""
 VIDEO_INFO = _asked("camera_stream", "camera/{camera}/stream", wire.VideoInfo)
 """the video's size, rate and source"""
-VIDEO_REPORT = _put(
-    "video_report",
-    "camera/{camera}/watcher/{reader}",
-    wire.FrameReport,
-    writers=(ANYONE,),
-    rate_hz=2.0,
-    stale_after=3.0,
-    repeated=False,
-)
+VIDEO_REPORT = _watched("video_report", "camera/{camera}/watcher/{reader}")
 """what comes of the video at a reader, and whether it waits for a key frame"""
 DETECTION = Channel(
     "camera_detection",

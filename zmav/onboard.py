@@ -11,7 +11,7 @@ import functools
 import time
 from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import msgspec
 import zenoh
@@ -101,15 +101,10 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     """directory for files and logs fetched from the autopilot; None: the user's cache directory"""
 
 
-@runtime_checkable
-class Starts(Protocol):
-    """A service that does nothing before ``start``; the others work from when they are built."""
-
-    def start(self) -> None: ...
-
-
 class Service(Protocol):
-    """A part of the vehicle's program."""
+    """A part of the vehicle's program. One that has a ``start()`` does nothing before that; the others work from when
+    they are built.
+    """
 
     def close(self) -> Awaitable[None] | None: ...
 
@@ -354,8 +349,8 @@ class Onboard:
         adapter.listen("EVENT", on_loop(loop, self._on_words(self.event_texts.numbered)))
         async with contextlib.AsyncExitStack() as stack:
             for service in self._services:
-                if isinstance(service, Starts) and not isinstance(service, Adapter):
-                    service.start()
+                if service is not adapter and (start := getattr(service, "start", None)) is not None:
+                    start()
                 stack.push_async_callback(_close, service)
             adapter.start()  # last, so that nothing that it brings is missed
             self._work(stack, self._keep_house())

@@ -16,7 +16,7 @@ import socket
 import stat
 import sys
 import tempfile
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -85,13 +85,13 @@ def log(line: str) -> None:
     say(line if systemd.journals() else f"{datetime.datetime.now().isoformat(' ', 'milliseconds')} {line}")
 
 
-def own_directory(name: str, advice: str, environment: Mapping[str, str] = os.environ) -> Path:
+def own_directory(name: str, advice: str) -> Path:
     """Where this user's running programs of a kind have their sockets; made where it is missing.
 
     In ``XDG_RUNTIME_DIR``, or else in the directory for temporary files. :class:`BadConfig`, with ``advice``, where it
     belongs to somebody else, or others may write to it.
     """
-    runtime = environment.get("XDG_RUNTIME_DIR")
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
     base = Path(runtime) / name if runtime else Path(tempfile.gettempdir()) / f"{name}-{os.getuid()}"
     try:
         base.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -48,7 +48,7 @@ class Rules:
     circles: bool = False
     """it is given points to circle about by command, and takes no stream of them"""
     keepalive_hz: float = 4.0
-    unarmable: tuple[str, ...] = ()
+    unarmable: str = ""
     """modes in which it refuses to be armed, or sets off by itself as soon as it is"""
 
 
@@ -60,20 +60,7 @@ COPTER = Rules(
     land="LAND",
     takeoff_mode="GUIDED",
     takeoff_command=True,
-    unarmable=(
-        "AUTO",
-        "LAND",
-        "RTL",
-        "SMART_RTL",
-        "BRAKE",
-        "CIRCLE",
-        "AUTOTUNE",
-        "FLIP",
-        "AVOID_ADSB",
-        "FOLLOW",
-        "SYSTEMID",
-        "AUTO_RTL",
-    ),
+    unarmable="AUTO LAND RTL SMART_RTL BRAKE CIRCLE AUTOTUNE FLIP AVOID_ADSB FOLLOW SYSTEMID AUTO_RTL",
     loiter="BRAKE",  # LOITER obeys a throttle stick that nobody holds, and comes down
     levels={
         "position": convert.motion,
@@ -94,7 +81,7 @@ ROVER = Rules(
     land=None,
     takeoff_mode=None,
     takeoff_command=False,
-    unarmable=("AUTO", "RTL", "SMART_RTL", "CIRCLE", "DOCK", "FOLLOW", "INITIALISING"),
+    unarmable="AUTO RTL SMART_RTL CIRCLE DOCK FOLLOW INITIALISING",
     loiter="LOITER",
     levels={
         "position": convert.position_only,
@@ -115,7 +102,7 @@ PLANE = Rules(
     land="AUTOLAND",
     takeoff_mode="TAKEOFF",
     takeoff_command=False,
-    unarmable=("AUTO", "TAKEOFF"),
+    unarmable="AUTO TAKEOFF",
     loiter="LOITER",
     levels={
         "position": convert.circle_at,
@@ -142,6 +129,11 @@ RULES: Mapping[str, Rules] = {
 EKF_POS_HORIZ_ABS = 16
 EKF_CONST_POS_MODE = 128
 PREARM_CHECK = 0x10000000
+_OWN_PARAMS = (
+    "MAV_SYSID SYSID_THISMAV STAT_* FORMAT_VERSION BARO*_GND_PRESS BARO_GND_TEMP BARO_FIELD_ELV *_DEVID "
+    "INS_ACC*_ID INS_GYR*_ID INS*_ACC_ID INS*_GYR_ID COMPASS_DEV_ID*"
+)
+"""the system id, and what its parameter documentation marks @ReadOnly or @Volatile"""
 
 
 class ArduPilot(Autopilot):
@@ -161,22 +153,7 @@ class ArduPilot(Autopilot):
     # AUTO, AUTO_RTL; ARMDISARM (old, new, with air mode), DISARM, ARM_EMERGENCY_STOP, by RC_Channel.h.
     switches: ClassVar[frozenset[int]] = frozenset({16, 99, 41, 153, 154, 81, 165})
     camera_params: ClassVar[tuple[str, ...]] = ("CAM1_TYPE", "CAM2_TYPE")
-    # The system id, and what its parameter documentation marks @ReadOnly or @Volatile.
-    own_params: ClassVar[tuple[str, ...]] = (
-        "MAV_SYSID",
-        "SYSID_THISMAV",
-        "STAT_*",
-        "FORMAT_VERSION",
-        "BARO*_GND_PRESS",
-        "BARO_GND_TEMP",
-        "BARO_FIELD_ELV",
-        "*_DEVID",
-        "INS_ACC*_ID",
-        "INS_GYR*_ID",
-        "INS*_ACC_ID",
-        "INS*_GYR_ID",
-        "COMPASS_DEV_ID*",
-    )
+    own_params: ClassVar[tuple[str, ...]] = tuple(_OWN_PARAMS.split())
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)
@@ -235,8 +212,8 @@ class ArduPilot(Autopilot):
     def arming_mode(self, mode: str | None) -> str | None:
         """A rover that is armed in GUIDED drives on to the target it had there before: one armed in HOLD stands."""
         if self.on_surface:
-            return self.rules.hold if mode in (*self.rules.unarmable, self.guided) else None
-        return self.guided if mode in self.rules.unarmable else None
+            return self.rules.hold if mode in (*self.rules.unarmable.split(), self.guided) else None
+        return self.guided if mode in self.rules.unarmable.split() else None
 
     def rtl(self) -> str:
         return "RTL"

@@ -69,6 +69,11 @@ class Message:
         return {"target_system": system, "target_component": component, **self.fields}
 
 
+def commands(names: str) -> frozenset[str]:
+    """MAV_CMDs by the rest of their names, between blanks."""
+    return frozenset(f"MAV_CMD_{name}" for name in names.split())
+
+
 Action = Message | Command
 """What a setpoint becomes: a message to be sent as it is, or a command, which the autopilot answers"""
 

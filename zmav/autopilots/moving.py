@@ -10,31 +10,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from zmav.autopilots.base import HERE, Autopilot, Command, Target
+from zmav.autopilots.base import HERE, Autopilot, Command, Target, commands
 
-_TO_A_PLACE = frozenset(
-    f"MAV_CMD_{name}"
-    for name in (
-        "DO_REPOSITION",
-        "DO_ORBIT",
-        "NAV_TAKEOFF",
-        "NAV_VTOL_TAKEOFF",
-        "NAV_WAYPOINT",
-        "NAV_SPLINE_WAYPOINT",
-        "NAV_LOITER_UNLIM",
-        "NAV_LOITER_TURNS",
-        "NAV_LOITER_TIME",
-        "NAV_LOITER_TO_ALT",
-        "NAV_PAYLOAD_PLACE",
-        "NAV_FOLLOW",
-        "OVERRIDE_GOTO",
-        "NAV_RALLY_POINT",
-    )
+_TO_A_PLACE = commands(
+    "DO_REPOSITION DO_ORBIT NAV_TAKEOFF NAV_VTOL_TAKEOFF NAV_WAYPOINT NAV_SPLINE_WAYPOINT NAV_LOITER_UNLIM "
+    "NAV_LOITER_TURNS NAV_LOITER_TIME NAV_LOITER_TO_ALT NAV_PAYLOAD_PLACE NAV_FOLLOW OVERRIDE_GOTO NAV_RALLY_POINT"
 )
-LANDINGS = frozenset(f"MAV_CMD_{name}" for name in ("NAV_LAND", "NAV_VTOL_LAND", "DO_LAND_START"))
-_TO_A_HEIGHT = frozenset(
-    f"MAV_CMD_{name}" for name in ("GUIDED_CHANGE_ALTITUDE", "NAV_CONTINUE_AND_CHANGE_ALT", "CONDITION_CHANGE_ALT")
-)
+LANDINGS = commands("NAV_LAND NAV_VTOL_LAND DO_LAND_START")
+_TO_A_HEIGHT = commands("GUIDED_CHANGE_ALTITUDE NAV_CONTINUE_AND_CHANGE_ALT CONDITION_CHANGE_ALT")
 _TO_A_SPEED = {"MAV_CMD_DO_CHANGE_SPEED": 1, "MAV_CMD_GUIDED_CHANGE_SPEED": 1, "MAV_CMD_NAV_SET_YAW_SPEED": 1}
 """and the index of the parameter that is it"""
 _SPEEDS = {0: "speed", 1: "speed", 2: "climb", 3: "descend"}

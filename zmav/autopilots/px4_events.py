@@ -127,20 +127,9 @@ CHECKS: Mapping[int, tuple[str, str]] = _by_id(
     }
 )
 
-MODE_BITS: Mapping[str, int] = {
-    "MANUAL": 0,
-    "ALTCTL": 1,
-    "POSCTL": 2,
-    "MISSION": 3,
-    "HOLD": 4,
-    "RTL": 5,
-    "ACRO": 10,
-    "TERMINATION": 13,
-    "OFFBOARD": 14,
-    "STABILIZED": 15,
-    "TAKEOFF": 17,
-    "LAND": 18,
-    "FOLLOW": 19,
-    "PRECLAND": 20,
-}
+_BITS = (
+    "MANUAL:0 ALTCTL:1 POSCTL:2 MISSION:3 HOLD:4 RTL:5 ACRO:10 TERMINATION:13 OFFBOARD:14 STABILIZED:15 TAKEOFF:17 "
+    "LAND:18 FOLLOW:19 PRECLAND:20"
+)
+MODE_BITS: Mapping[str, int] = {mode: int(bit) for mode, bit in (each.split(":") for each in _BITS.split())}
 """the number of a mode's bit in the sets of modes that a report has: vehicle_status's NAVIGATION_STATE"""

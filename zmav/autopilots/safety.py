@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from zmav.autopilots.base import Autopilot, mode_of
+from zmav.autopilots.base import Autopilot, commands, mode_of
 from zmav.mavlink import Dialect, Frame, decode
 
 
@@ -197,29 +197,11 @@ _BY_VERB: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
-_CHANGING = {
-    f"MAV_CMD_{name}"
-    for name in (
-        "DO_SET_MODE",
-        "DO_SET_STANDARD_MODE",
-        "NAV_TAKEOFF",
-        "NAV_VTOL_TAKEOFF",
-        "NAV_LAND",
-        "NAV_VTOL_LAND",
-        "NAV_RETURN_TO_LAUNCH",
-        "NAV_LOITER_UNLIM",
-        "NAV_PRECLAND",
-        "MISSION_START",
-        "DO_REPOSITION",
-        "DO_PAUSE_CONTINUE",
-        "DO_GO_AROUND",
-        "DO_LAND_START",
-        "DO_RETURN_PATH_START",
-        "DO_CHANGE_ALTITUDE",
-        "DO_ORBIT",
-        "DO_FOLLOW",
-    )
-}
+_CHANGING = commands(
+    "DO_SET_MODE DO_SET_STANDARD_MODE NAV_TAKEOFF NAV_VTOL_TAKEOFF NAV_LAND NAV_VTOL_LAND NAV_RETURN_TO_LAUNCH "
+    "NAV_LOITER_UNLIM NAV_PRECLAND MISSION_START DO_REPOSITION DO_PAUSE_CONTINUE DO_GO_AROUND DO_LAND_START "
+    "DO_RETURN_PATH_START DO_CHANGE_ALTITUDE DO_ORBIT DO_FOLLOW"
+)
 """commands that change the mode by themselves: after any other, a new mode is somebody else's wish"""
 
 
@@ -228,7 +210,7 @@ def changes_mode(command: str) -> bool:
     return command in _CHANGING
 
 
-_SAFE = {f"MAV_CMD_{name}" for name in ("NAV_LAND", "NAV_RETURN_TO_LAUNCH", "NAV_LOITER_UNLIM", "NAV_VTOL_LAND")}
+_SAFE = commands("NAV_LAND NAV_RETURN_TO_LAUNCH NAV_LOITER_UNLIM NAV_VTOL_LAND")
 """MAV_CMDs that bring a vehicle down, home or to a halt, whatever their parameters"""
 
 

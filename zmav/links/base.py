@@ -25,6 +25,7 @@ OnData = Callable[[bytes], None]
 MUCH = 4000  # bytes, from which on a nap was too long: the least receive buffers hold that much in the smallest frames,
 # and a terminal gives 4095 at once at most, however many wait
 FIRST_NAP_S, SHORTEST_NAP_S = 0.005, 0.001
+FIRST_WAIT_S, MOST_WAIT_S = 0.2, 3.0  # between two tries to open it
 JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
 
 
@@ -58,19 +59,16 @@ class LinkFinished(Exception):
 class Backoff:
     """Seconds to wait before the next try: 0.2, 0.3, 0.45 ... 3, each up to a fifth shorter or longer, 3 at most."""
 
-    def __init__(
-        self, first: float = 0.2, factor: float = 1.5, most: float = 3.0, chance: Callable[[], float] = random.random
-    ) -> None:
-        self._first, self._factor, self._most, self._chance = first, factor, most, chance
-        self._base = first
+    def __init__(self, chance: Callable[[], float] = random.random) -> None:
+        self._chance, self._base = chance, FIRST_WAIT_S
 
     def next(self) -> float:
         base = self._base
-        self._base = min(self._most, base * self._factor)
-        return min(self._most, base * (0.8 + 0.4 * self._chance()))
+        self._base = min(MOST_WAIT_S, base * 1.5)
+        return min(MOST_WAIT_S, base * (0.8 + 0.4 * self._chance()))
 
     def reset(self) -> None:
-        self._base = self._first
+        self._base = FIRST_WAIT_S
 
 
 class Link(ABC):

@@ -23,24 +23,24 @@ DONTWAIT: int = socket.MSG_DONTWAIT
 Address = tuple[Any, ...]  # (host, port) or (host, port, flow, scope), as the socket module gives it
 
 
-def set_read_wake(sock: socket.socket, seconds: float = READ_WAKE_S) -> None:
-    """Let blocking reads end with BlockingIOError after ``seconds``.
+def set_read_wake(sock: socket.socket) -> None:
+    """Let blocking reads end with BlockingIOError after :data:`READ_WAKE_S`.
 
     Set in the kernel, because Python's own ``settimeout`` puts a poll before every read: one more system call each.
     """
     # 66 is SO_RCVTIMEO_NEW: a 32-bit machine with 64-bit time.
     layout = "@qq" if socket.SO_RCVTIMEO == 66 else "@ll"
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack(layout, int(seconds), int(seconds % 1 * 1e6)))
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack(layout, 0, int(READ_WAKE_S * 1e6)))
 
 
-def grow_receive_buffer(sock: socket.socket, size: int = RECEIVE_BUFFER) -> int:
-    """Ask for ``size`` bytes of receive buffer; what the kernel then reports (Linux: twice what it granted)."""
+def grow_receive_buffer(sock: socket.socket) -> int:
+    """Ask for :data:`RECEIVE_BUFFER` bytes; what the kernel then reports (Linux: twice what it granted)."""
     try:
         if sys.platform != "linux":
             raise PermissionError
-        sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, size)
+        sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER)
     except OSError:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
     return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 

@@ -33,7 +33,7 @@ async def test_a_rover_is_home_where_it_returns_to(net: Net, onboard: StartOnboa
             await vehicle.wait_until(lambda s: bool(s.connected and s.ready), 30.0)
             start = world.vehicles[0].status().ned_m
             await vehicle.arm()
-            await vehicle.goto(pos=(30.0, 0.0, 0.0))
+            await vehicle.goto(pos=(18.0, 0.0, 0.0))
             if rally:
                 item = wire.MissionItem(command="MAV_CMD_NAV_RALLY_POINT", x=RALLY[0], y=RALLY[1], z=10.0)
                 await vehicle.missions.upload([item], kind="rally")

@@ -276,35 +276,33 @@ async def test_a_plan_that_changes_while_it_is_read(mission_bench: MissionBench)
 # What is checked before anything is sent.
 
 
-@pytest.mark.parametrize(
-    ("kind", "items", "words"),
-    [
-        ("mission", [{"command": "MAV_CMD_NAV_WAYPONT"}], "item 0: no command .*; did you mean MAV_CMD_NAV_WAYPOINT"),
-        ("mission", [{"command": WAYPOINT, "frame": "GLOBAL"}], "no frame 'GLOBAL'; did you mean MAV_FRAME_GLOBAL"),
-        ("mission", [{"command": WAYPOINT, "x": 90.1}], "item 0: latitude 90.1 is beyond ±90"),
-        ("mission", [{"command": WAYPOINT, "y": -180.5}], "item 0: longitude -180.5 is beyond ±180"),
-        ("mission", [{"command": WAYPOINT, "z": 1e39}], "z is 1e\\+39"),
-        ("mission", [{"command": WAYPOINT, "params": [1, 2, 3, 4, 5]}], "5 params"),
-        ("mission", [{"command": "MAV_CMD_DO_JUMP", "params": [1]}], "jumps to item 1.0, which there is not"),
-        ("mission", [{"command": "MAV_CMD_DO_SET_SERVO", "x": 0.5}], "x is 0.5, but this command has whole numbers"),
-        ("mission", RALLY_ITEMS, "MAV_CMD_NAV_RALLY_POINT in a mission"),
-        ("mission", FENCE_ITEMS, "item 3: MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION in a mission"),
-        ("rally", [{"command": WAYPOINT}], f"{WAYPOINT} in rally points"),
-        ("fence", [{"command": WAYPOINT}], "is no fence item"),
-        ("fence", FENCE_ITEMS[:2], "a polygon of 3 vertices \\(param1\\) ends after 2"),
-        ("fence", [{**FENCE_ITEMS[0], "params": [2]}] * 2, "number of vertices of its polygon, 3 or more, not 2"),
-        ("fence", [*FENCE_ITEMS[:2], {**FENCE_ITEMS[2], "params": [4]}], "its vertex 2 says 4.0 in param1"),
-        ("fence", [{**FENCE_ITEMS[3], "params": [0]}], "a circle of radius 0 m"),
-        ("mission", [{"command": WAYPOINT, "x": 95}, {"command": WAYPOINT}, {"command": "X"}], "item 0: .*; item 2: "),
-    ],
-)
-async def test_bad_items_are_named_before_anything_is_sent(
-    mission_bench: MissionBench, kind: str, items: list[dict[str, Any]], words: str
-) -> None:
+BAD_ITEMS: list[tuple[str, list[dict[str, Any]], str]] = [
+    ("mission", [{"command": "MAV_CMD_NAV_WAYPONT"}], "item 0: no command .*; did you mean MAV_CMD_NAV_WAYPOINT"),
+    ("mission", [{"command": WAYPOINT, "frame": "GLOBAL"}], "no frame 'GLOBAL'; did you mean MAV_FRAME_GLOBAL"),
+    ("mission", [{"command": WAYPOINT, "x": 90.1}], "item 0: latitude 90.1 is beyond ±90"),
+    ("mission", [{"command": WAYPOINT, "y": -180.5}], "item 0: longitude -180.5 is beyond ±180"),
+    ("mission", [{"command": WAYPOINT, "z": 1e39}], "z is 1e\\+39"),
+    ("mission", [{"command": WAYPOINT, "params": [1, 2, 3, 4, 5]}], "5 params"),
+    ("mission", [{"command": "MAV_CMD_DO_JUMP", "params": [1]}], "jumps to item 1.0, which there is not"),
+    ("mission", [{"command": "MAV_CMD_DO_SET_SERVO", "x": 0.5}], "x is 0.5, but this command has whole numbers"),
+    ("mission", RALLY_ITEMS, "MAV_CMD_NAV_RALLY_POINT in a mission"),
+    ("mission", FENCE_ITEMS, "item 3: MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION in a mission"),
+    ("rally", [{"command": WAYPOINT}], f"{WAYPOINT} in rally points"),
+    ("fence", [{"command": WAYPOINT}], "is no fence item"),
+    ("fence", FENCE_ITEMS[:2], "a polygon of 3 vertices \\(param1\\) ends after 2"),
+    ("fence", [{**FENCE_ITEMS[0], "params": [2]}] * 2, "number of vertices of its polygon, 3 or more, not 2"),
+    ("fence", [*FENCE_ITEMS[:2], {**FENCE_ITEMS[2], "params": [4]}], "its vertex 2 says 4.0 in param1"),
+    ("fence", [{**FENCE_ITEMS[3], "params": [0]}], "a circle of radius 0 m"),
+    ("mission", [{"command": WAYPOINT, "x": 95}, {"command": WAYPOINT}, {"command": "X"}], "item 0: .*; item 2: "),
+]
+
+
+async def test_bad_items_are_named_before_anything_is_sent(mission_bench: MissionBench) -> None:
     b, peer = await mission_bench("ardupilot")
-    with pytest.raises(BadInput, match=words) as caught:
-        await b.ground.do("mission_upload", kind=kind, items=items)
-    assert caught.value.detail["faults"]
+    for kind, items, words in BAD_ITEMS:
+        with pytest.raises(BadInput, match=words) as caught:
+            await b.ground.do("mission_upload", kind=kind, items=items)
+        assert caught.value.detail["faults"]
     assert not [told for told in peer.told if told.name.startswith("MISSION_")]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import asyncio
 import math
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from zmav import geo, wire
 from zmav.formats.tiles import Folder, pieces_within
 from zmav.terrain import Terrain, cell_name, heights_of, pack
 
-HIGH, TOP, WIDE = 50.0, (220.0, 30.0), 120.0
+HIGH, TOP, WIDE = 50.0, (180.0, 30.0), 120.0
 SPACING, ABOVE = 30.0, 25.0
 OFF, OFF_BACK = 4.0, 6.0
 """m: heights are whole metres, 30 m apart or more on both sides, and in RTL the copter follows late"""
@@ -63,7 +64,7 @@ async def test_a_mission_and_a_return_follow_the_terrain_by_our_tiles_alone(tmp_
     params = {**QUICK, **own}
     async with airborne([(0.0, 0.0)], ABOVE, params=params, cache=str(tmp_path)) as fleet:
         (vehicle,) = await fleet.z.wait_for("quad1")
-        await vehicle.missions.upload([item(60.0, 0.0), item(220.0, 0.0), item(380.0, 0.0)], "mission")
+        await vehicle.missions.upload([item(40.0, 0.0), item(180.0, 0.0), item(300.0, 0.0)], "mission")
         reports = [await vehicle.terrain.report()]
 
         async def loaded() -> bool:
@@ -80,12 +81,14 @@ async def test_a_mission_and_a_return_follow_the_terrain_by_our_tiles_alone(tmp_
         fleet.world.set_speed(3.0)
         await vehicle.order("mission_start", wire.MissionStart())
         async with fleet.watch() as watch:
-            await until(lambda: watch.rows and watch.rows[-1][1]["quad1"][0] > 375.0, "it is there", 120.0)
+            await until(lambda: watch.rows and watch.rows[-1][1]["quad1"][0] > 295.0, "it is there", 120.0)
             there = len(watch.rows)
-            await vehicle.order("rtl", wire.Order())
+            rtl = asyncio.create_task(vehicle.order("rtl", wire.Order()))
+            await until(lambda: watch.rows[-1][1]["quad1"][0] < 30.0, "it is back", 120.0)
+            rtl.cancel()
         way = [places["quad1"] for _, places in watch.rows]
-        out = [-down - up(north, east) for north, east, down in way[:there] if north > 60.0]
-        back = [-down - up(north, east) for north, east, down in way[there:] if 30.0 < north < 360.0]
+        out = [-down - up(north, east) for north, east, down in way[:there] if north > 40.0]
+        back = [-down - up(north, east) for north, east, down in way[there:] if 30.0 < north < 285.0]
         for heights, off in ((out, OFF), (back, OFF_BACK)):
             assert len(heights) > 50
             assert ABOVE - off < min(heights) < max(heights) < ABOVE + off

@@ -97,11 +97,9 @@ class Questions:
     given_up = 2.0
     """s: the one who asked has given up, or asked again; what zmav's clients wait for an answer"""
 
-    def __init__(
-        self, session: zenoh.Session, answers: Answers, admit: Prove, share: float = SHARE, bus: Bus | None = None
-    ) -> None:
+    def __init__(self, session: zenoh.Session, answers: Answers, admit: Prove, bus: Bus | None = None) -> None:
         self.bus = bus or Bus()
-        self._session, self._answering, self._admit, self._share = session, answers, admit, share
+        self._session, self._answering, self._admit = session, answers, admit
         self.counts: collections.Counter[str] = collections.Counter()
         self._channels: collections.deque[Channel] = collections.deque()
         self._intakes: list[Intake] = []
@@ -213,10 +211,10 @@ class Questions:
     def _pay(self, work: float) -> None:
         """Rest for as long as the work was more than the lane's share."""
         now = time.monotonic()
-        self._credit = min(self._credit + (now - self._paid) * self._share, CREDIT) - work
+        self._credit = min(self._credit + (now - self._paid) * SHARE, CREDIT) - work
         self._paid = now
         if self._credit < 0.0:
-            self._closed.wait(-self._credit / self._share)
+            self._closed.wait(-self._credit / SHARE)
 
     def _serve(self, channel: Channel, question: _Question) -> None:
         query = question.query

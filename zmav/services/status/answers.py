@@ -53,24 +53,10 @@ class Messages:
             text = f"no {name} has come from {self._port.name}; heard so far: {heard}"
             raise BadInput(text, field="msg", value=name, expected="a message the vehicle sends")
         frame, age, total = found
-        m = describe(frame, self._port.dialect)
+        message = msgspec.structs.asdict(describe(frame, self._port.dialect))
         own = source is not None and (frame.sysid, frame.compid) == source  # another's boot time is not the autopilot's
-        t, t_error = self._timesync.stamp(m.fields) if own else (None, None)
-        return wire.LastMessage(
-            name=m.name,
-            id=m.id,
-            sysid=m.sysid,
-            compid=m.compid,
-            seq=m.seq,
-            age=age,
-            t=t,
-            t_error=t_error,
-            count=total,
-            signed=m.signed,
-            verified=m.verified,
-            fields=m.fields,
-            units=m.units,
-        )
+        t, t_error = self._timesync.stamp(message["fields"]) if own else (None, None)
+        return wire.LastMessage(age=age, t=t, t_error=t_error, count=total, **message)
 
 
 class SchemaService:
