@@ -173,7 +173,7 @@ class Transfer:
         last, tries, asked_at = -1, 1, time.monotonic()
         self._send("MISSION_COUNT", count=count)
         for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
-            heard = yield self._soon()
+            heard = yield time.monotonic() + self._trip.timeout
             if heard is not None and heard[0] == "MISSION_ACK":
                 complaints += heard[1]["type"] not in NO_COMPLAINT
                 if last >= 0 or heard[1]["type"] != MissionResult.ERROR or complaints >= COMPLAINTS:
@@ -236,10 +236,7 @@ class Transfer:
                 return None
             elif name == "MISSION_ACK" and fields["type"] == MissionResult.DENIED:
                 raise Busy
-            elif name == "MISSION_ACK" and fields["type"] not in (
-                MissionResult.ACCEPTED,
-                MissionResult.INVALID_SEQUENCE,
-            ):
+            elif name == "MISSION_ACK" and fields["type"] not in NO_COMPLAINT:
                 complaints += 1
                 if complaints >= COMPLAINTS:
                     raise self._refusal(fields["type"], min(asked))
@@ -307,9 +304,6 @@ class Transfer:
     def _send_item(self, items: Sequence[Raw], seq: int, sent: list[int]) -> None:
         sent[seq] += 1
         self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
-
-    def _soon(self) -> float:
-        return time.monotonic() + self._trip.timeout
 
     def _learn(self, asked: float, tries: int) -> None:
         """Of a repeated question nobody can tell which was answered."""
