@@ -11,7 +11,6 @@ import os
 import platform
 import time
 from collections.abc import Iterable, Iterator
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from zmav import wire
@@ -55,6 +54,8 @@ def report(name: str, instance: str, paths: Iterable[str | Path] = ("/",), root:
 
 def versions() -> dict[str, str]:
     """Of Python and of the packages that are installed."""
+    from importlib.metadata import PackageNotFoundError, version  # 1.6 MB, which many a vehicle is never asked for
+
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

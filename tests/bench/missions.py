@@ -3,8 +3,9 @@
     python tests/bench/missions.py [--link URL] [--items 100] [--rounds 5] [--delay 20] [--px4]
 
 Without a link a simulated vehicle in a process of its own; with one, any autopilot's that takes missions on the ground:
-its mission is replaced. TCP on loopback, in turns, medians. Ours is from the order to its outcome, by one hop. What was
-there is read first, so that a failed upload can be undone: "download" is both readings.
+its mission is replaced. TCP on loopback, in turns: medians, and the quickest, which are what a busy machine leaves to
+compare. Ours is from the order to its outcome, by one hop. What was there is read first, so that a failed upload can be
+undone: "download" is both readings.
 """
 
 from __future__ import annotations
@@ -182,10 +183,11 @@ def main() -> None:
                 found.setdefault(name, []).append(theirs(late, args.items, 1e-4 * (n + 1), read_back=back))
         with delayed(url, args.delay / 1e3) as late:
             found.setdefault("zmav", []).append(asyncio.run(ours(late, args.items, -1e-4 * (n + 1), phases)))
-    took = {name: statistics.median(each) for name, each in found.items()}
-    for name, seconds in took.items():
-        each = f"{1e3 * seconds:8.0f} ms  {1e3 * seconds / args.items:6.2f} ms an item"
-        print(f"{name:22} {each}  x{took['zmav'] / seconds:.2f}")
+    for words, which in (("median", statistics.median), ("quickest", min)):
+        took = {name: which(each) for name, each in found.items()}
+        for name, seconds in took.items():
+            each = f"{1e3 * seconds:8.0f} ms  {1e3 * seconds / args.items:6.2f} ms an item"
+            print(f"{name:22} {words:9} {each}  x{took['zmav'] / seconds:.2f}")
     parts = (f"{name} {1e3 * sum(each) / args.rounds:.0f} ms" for name, each in phases.items())
     print("of which, in the mean:", ", ".join(parts))
     if process is not None:

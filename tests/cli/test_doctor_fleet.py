@@ -41,8 +41,6 @@ import importlib.metadata, runpy, sys, time
 true, versions = time.time, importlib.metadata.version
 time.time = lambda: true() + {OFF_S}
 importlib.metadata.version = lambda name: {OTHER!r} if name == "zmav" else versions(name)
-import zmav.host
-zmav.host.version = importlib.metadata.version
 sys.argv[0] = "zmav"
 runpy.run_module("zmav", run_name="__main__")
 """

@@ -41,6 +41,13 @@ def test_a_verb_that_asks_vehicles_loads_nothing_of_what_runs_on_them(verb: str)
     assert loaded(f"import zmav.client, zmav.cli.{verb}", VEHICLES_OWN) == set()
 
 
+def test_to_find_up_takes_no_more_than_up() -> None:
+    """importlib.metadata and what it stands on are 1.6 MB, for as long as the agent runs."""
+    find = "cli.zmav.get_command(click.Context(cli.zmav), 'up')"
+    code = f"import sys, click; from zmav import cli; assert {find}; assert 'importlib.metadata' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_up_reads_the_dialect_before_the_services_are_there() -> None:
     code = "import sys, agents.vehicle.cli; assert 'zmav.onboard' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import contextlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
@@ -145,6 +146,26 @@ class RoundTrip:
         self.timeout = min(2 * self.timeout, self._most)
 
 
+@contextlib.contextmanager
+def listening(
+    port: Port, source: tuple[int, int], names: Iterable[str], take: Callable[[Frame], object]
+) -> Iterator[None]:
+    """``take(frame)`` is called in the link's thread for each message of these names from one system."""
+
+    def on_frame(frame: Frame) -> None:
+        if (frame.sysid, frame.compid) == source:
+            take(frame)
+
+    stops = [port.listen(name, on_frame) for name in names]
+    port.awaited += 1
+    try:
+        yield
+    finally:
+        port.awaited -= 1
+        for stop in stops:
+            stop()
+
+
 BREATH = 64
 """frames taken before others on the event loop have their turn"""
 
@@ -160,26 +181,22 @@ class Inbox:
         self._frames: collections.deque[Frame] = collections.deque()
         self._news, self._woken = asyncio.Event(), False
         self._taken = 0
-        self._stops: list[Callable[[], None]] = []
+        self._listening = contextlib.ExitStack()
 
     def __enter__(self) -> Inbox:
         wake = on_loop(asyncio.get_running_loop(), self._wake)
 
-        def on_frame(frame: Frame) -> None:
-            if (frame.sysid, frame.compid) == self._source:
-                self._frames.append(frame)
-                if not self._woken:
-                    self._woken = True
-                    wake()
+        def take(frame: Frame) -> None:
+            self._frames.append(frame)
+            if not self._woken:
+                self._woken = True
+                wake()
 
-        self._stops = [self._port.listen(name, on_frame) for name in self._names]
-        self._port.awaited += 1
+        self._listening.enter_context(listening(self._port, self._source, self._names, take))
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._port.awaited -= 1
-        for stop in self._stops:
-            stop()
+        self._listening.close()
 
     def _wake(self) -> None:
         self._woken = False
@@ -203,8 +220,4 @@ class Inbox:
     async def get(self, timeout: float) -> tuple[str, Mapping[str, Any]] | None:
         """The next message's name and fields; None when none came within ``timeout`` seconds."""
         frame = await self.frame(timeout)
-        return None if frame is None else (self._port.dialect.name_of(frame.msgid), self.decoded(frame))
-
-    def decoded(self, frame: Frame) -> Mapping[str, Any]:
-        """A message's fields."""
-        return decode(frame, self._port.dialect)
+        return None if frame is None else (self._port.dialect.name_of(frame.msgid), decode(frame, self._port.dialect))

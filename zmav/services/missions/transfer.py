@@ -2,33 +2,45 @@
 
 https://mavlink.io/en/services/mission.html. Every message is repeated until its answer comes; how long to wait for one
 follows what answers took before. Only what is meant for us counts: a ground station may be at it on the same link.
+
+A plan takes a round trip an item, and to wake the event loop for each would take longer than the autopilot does. So a
+transaction is a generator, which goes on in the link's thread: it yields until when (monotonic seconds) it waits, and
+is sent what was heard. Only where nothing came in time the event loop sends it None.
 """
 
 from __future__ import annotations
 
 import asyncio
 import struct
+import threading
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 from zmav.errors import Refused, TimedOut, Unsupported
-from zmav.mavlink import Frame
+from zmav.mavlink import Frame, decode
 from zmav.mavlink.results import MissionResult
-from zmav.services.link.port import Inbox, Port, RoundTrip, is_ours
+from zmav.services.link.port import Port, RoundTrip, is_ours, listening
 from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
 from zmav.wire import MissionKind
 
 COMPLAINTS = 3
 """ACKs saying no that end a transaction in which nothing of ours was looked at yet: the first may be a late one"""
+UPLOAD = ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK")
+DOWNLOAD = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK")
+CLEAR = ("MISSION_ACK",)
 OPAQUE_ID = {"MISSION_COUNT": (5, 3), "MISSION_ACK": (4, 1), "MISSION_CURRENT": (6, 3)}
 """Where the ids of the plans lie in the payload, and how many of them: not every dialect knows these late fields"""
 
 T = TypeVar("T")
 Step = Callable[[int, int], None]
-"""Told how many items of how many are through"""
-
+"""Told how many items of how many are through, in the link's thread"""
+Heard = tuple[str, Mapping[str, Any]]
+"""A message's name and fields"""
+Waits = Generator[float, "Heard | None", T]
+"""A transaction"""
 
 NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
 
@@ -74,14 +86,6 @@ def opaque_ids(frame: Frame, name: str) -> tuple[int | None, ...]:
     return tuple(value or None for value in struct.unpack_from(f"<{count}I", payload, start))
 
 
-class MissionInbox(Inbox):
-    """Also reads the opaque ids, as ``opaque_id``."""
-
-    def decoded(self, frame: Frame) -> Mapping[str, Any]:
-        fields, name = super().decoded(frame), self._port.dialect.name_of(frame.msgid)
-        return {**fields, "opaque_id": opaque_ids(frame, name)[0]} if name in OPAQUE_ID else fields
-
-
 class Transfer:
     """Transactions of one kind with the autopilot at ``source``. ``window``: how many items to ask for at once."""
 
@@ -99,65 +103,101 @@ class Transfer:
         Raises :class:`Refused` or :class:`Unsupported` with the result and the item, or :class:`TimedOut`: what the
         autopilot then holds is not known.
         """
-        return await self._patiently(lambda: self._upload(items, step))
+        return await self._patiently(UPLOAD, lambda: self._upload(items, step))
 
     async def download(self, step: Step) -> Download:
         """Read the whole plan; begun again where it changes meanwhile. Raises as :meth:`upload` does."""
         for _ in range(3):
-            found = await self._patiently(lambda: self._download(step))
+            found = await self._patiently(DOWNLOAD, lambda: self._download(step))
             if found is not None:
                 return found
         raise Refused(f"the {self._words} keep changing while they are read", vehicle=self._port.name)
 
     async def clear(self) -> None:
         """Remove every item. Raises as :meth:`upload` does."""
-        await self._patiently(self._clear)
+        await self._patiently(CLEAR, self._clear)
 
     # How it is done.
 
-    async def _patiently(self, transaction: Callable[[], Awaitable[T]]) -> T:
+    async def _patiently(self, names: Sequence[str], transaction: Callable[[], Waits[T]]) -> T:
         """Begin again for a while where the autopilot is busy with somebody else."""
         deadline = time.monotonic() + self._times.busy
         while True:
             try:
-                return await transaction()
+                return await self._run(names, transaction())
             except Busy:
                 if time.monotonic() + self._times.again > deadline:
                     text = f"the autopilot is in somebody else's transaction of {self._words}: try again later"
                     raise Refused(text, vehicle=self._port.name, result="MAV_MISSION_DENIED") from None
                 await asyncio.sleep(self._times.again)
 
-    async def _upload(self, items: Sequence[Raw], step: Step) -> Ended:
+    async def _run(self, names: Sequence[str], transaction: Waits[T]) -> T:
+        over, turn, until = Future[T](), threading.Lock(), 0.0
+
+        def go_on(heard: Heard | None) -> None:
+            nonlocal until
+            try:
+                until = transaction.send(heard)
+            except StopIteration as end:
+                over.set_result(end.value)
+            except Exception as e:
+                over.set_exception(e)
+
+        def take(frame: Frame) -> None:
+            with turn:
+                if until and not over.done() and (heard := self._heard(frame)) is not None:
+                    go_on(heard)
+
+        try:
+            with listening(self._port, self._source, names, take):
+                ended = asyncio.wrap_future(over)
+                while not ended.done():
+                    with turn:
+                        if not over.done() and time.monotonic() >= until:
+                            go_on(None)
+                    await asyncio.wait({ended}, timeout=max(until - time.monotonic(), 0.0))
+                return ended.result()
+        finally:
+            with turn:
+                over.cancel()  # what still comes goes nowhere
+
+    def _heard(self, frame: Frame) -> Heard | None:
+        """A message of this transaction."""
+        name, fields = self._port.dialect.name_of(frame.msgid), decode(frame, self._port.dialect)
+        if not is_ours(fields, self._port) or fields["mission_type"] != KINDS[self._kind]:
+            return None
+        return name, {**fields, "opaque_id": opaque_ids(frame, name)[0]} if name in OPAQUE_ID else fields
+
+    def _upload(self, items: Sequence[Raw], step: Step) -> Waits[Ended]:
         count, sent, complaints = len(items), [0] * len(items), 0
         last, tries, asked_at = -1, 1, time.monotonic()
-        with self._inbox("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK") as inbox:
-            self._send("MISSION_COUNT", count=count)
-            for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
-                heard = await self._next(inbox)
-                if heard is not None and heard[0] == "MISSION_ACK":
-                    complaints += heard[1]["type"] not in NO_COMPLAINT
-                    if last >= 0 or heard[1]["type"] != MissionResult.ERROR or complaints >= COMPLAINTS:
-                        ended = self._judge(heard[1], sent, last)
-                        if ended is not None:
-                            return ended
-                elif heard is not None and heard[1]["seq"] < count:
-                    seq = heard[1]["seq"]
-                    if seq != last:
-                        self._learn(asked_at, tries)
-                        last, tries, asked_at = seq, 0, time.monotonic()
-                        step(seq, count)
-                    tries += 1
-                    self._send_item(items, seq, sent)
-                elif heard is None:
-                    if all(sent) and tries >= 4:
-                        return Ended(None, sure=False)  # its last word was lost, and it says no other
-                    if tries >= self._times.attempts:
-                        break
-                    tries += 1
-                    if last < 0:
-                        self._send("MISSION_COUNT", count=count)
-                    else:
-                        self._send_item(items, last, sent)
+        self._send("MISSION_COUNT", count=count)
+        for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
+            heard = yield time.monotonic() + self._trip.timeout
+            if heard is not None and heard[0] == "MISSION_ACK":
+                complaints += heard[1]["type"] not in NO_COMPLAINT
+                if last >= 0 or heard[1]["type"] != MissionResult.ERROR or complaints >= COMPLAINTS:
+                    ended = self._judge(heard[1], sent, last)
+                    if ended is not None:
+                        return ended
+            elif heard is not None and heard[1]["seq"] < count:
+                seq = heard[1]["seq"]
+                if seq != last:
+                    self._learn(asked_at, tries)
+                    last, tries, asked_at = seq, 0, time.monotonic()
+                    step(seq, count)
+                tries += 1
+                self._send_item(items, seq, sent)
+            elif heard is None:
+                if all(sent) and tries >= 4:
+                    return Ended(None, sure=False)  # its last word was lost, and it says no other
+                if tries >= self._times.attempts:
+                    break
+                tries += 1
+                if last < 0:
+                    self._send("MISSION_COUNT", count=count)
+                else:
+                    self._send_item(items, last, sent)
         what = f"item {last} of {count} (home included)" if last >= 0 else "the number of items"
         raise TimedOut(
             f"upload of the {self._words}: the autopilot does not go on after {what}", vehicle=self._port.name
@@ -177,41 +217,37 @@ class Transfer:
             return Ended(None, sure=False)  # what it does not want is the repeated last item: it had the first
         raise self._refusal(result, last if last >= 0 else None)
 
-    async def _download(self, step: Step) -> Download | None:
-        with self._inbox("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK") as inbox:
-            count, opaque_id = await self._count(inbox)
-            items: dict[int, Raw] = {}
-            complaints = 0
-            asked: dict[int, tuple[float, int]] = {}  # by item: when it was last asked for, and how often
-            while len(items) < count:
-                self._ask(count, items, asked)
-                heard = await self._next(inbox, until=min(at for at, _ in asked.values()) + self._trip.timeout)
-                if heard is None:
-                    continue
-                name, fields = heard
-                if name == "MISSION_ITEM_INT" and fields["seq"] < count and fields["seq"] not in items:
-                    items[fields["seq"]] = raw_from(fields)
-                    self._learn(*asked.pop(fields["seq"], (0.0, 0)))
-                    step(len(items), count)
-                elif name == "MISSION_COUNT" and fields["count"] != count:
-                    return None
-                elif name == "MISSION_ACK" and fields["type"] == MissionResult.DENIED:
-                    raise Busy
-                elif name == "MISSION_ACK" and fields["type"] not in (
-                    MissionResult.ACCEPTED,
-                    MissionResult.INVALID_SEQUENCE,
-                ):
-                    complaints += 1
-                    if complaints >= COMPLAINTS:
-                        raise self._refusal(fields["type"], min(asked))
-            self._send("MISSION_ACK", type=MissionResult.ACCEPTED)
+    def _download(self, step: Step) -> Waits[Download | None]:
+        count, opaque_id = yield from self._count()
+        items: dict[int, Raw] = {}
+        complaints = 0
+        asked: dict[int, tuple[float, int]] = {}  # by item: when it was last asked for, and how often
+        while len(items) < count:
+            self._ask(count, items, asked)
+            heard = yield min(at for at, _ in asked.values()) + self._trip.timeout
+            if heard is None:
+                continue
+            name, fields = heard
+            if name == "MISSION_ITEM_INT" and fields["seq"] < count and fields["seq"] not in items:
+                items[fields["seq"]] = raw_from(fields)
+                self._learn(*asked.pop(fields["seq"], (0.0, 0)))
+                step(len(items), count)
+            elif name == "MISSION_COUNT" and fields["count"] != count:
+                return None
+            elif name == "MISSION_ACK" and fields["type"] == MissionResult.DENIED:
+                raise Busy
+            elif name == "MISSION_ACK" and fields["type"] not in NO_COMPLAINT:
+                complaints += 1
+                if complaints >= COMPLAINTS:
+                    raise self._refusal(fields["type"], min(asked))
+        self._send("MISSION_ACK", type=MissionResult.ACCEPTED)
         return Download([items[i] for i in range(count)], opaque_id)
 
-    async def _count(self, inbox: Inbox) -> tuple[int, int | None]:
+    def _count(self) -> Waits[tuple[int, int | None]]:
         for attempt in range(1, self._times.attempts + 1):
             asked = time.monotonic()
             self._send("MISSION_REQUEST_LIST")
-            while (heard := await self._next(inbox, until=asked + self._trip.timeout)) is not None:
+            while (heard := (yield asked + self._trip.timeout)) is not None:
                 name, fields = heard
                 if name == "MISSION_COUNT":
                     self._learn(asked, attempt)
@@ -232,28 +268,26 @@ class Transfer:
                     raise TimedOut(text, vehicle=self._port.name)
                 asked[seq] = now, tries + 1
                 self._send("MISSION_REQUEST_INT", seq=seq)
-        for seq in range(count):
-            if len(asked) >= self._window:
-                return
-            if seq not in items and seq not in asked:
-                asked[seq] = now, 1
-                self._send("MISSION_REQUEST_INT", seq=seq)
+        for seq in range(
+            len(items) + len(asked), min(len(items) + self._window, count)
+        ):  # in order: the first not asked
+            asked[seq] = now, 1
+            self._send("MISSION_REQUEST_INT", seq=seq)
 
-    async def _clear(self) -> None:
-        with self._inbox("MISSION_ACK") as inbox:
-            for attempt in range(1, self._times.attempts + 1):
-                asked = time.monotonic()
-                self._send("MISSION_CLEAR_ALL")
-                heard = await self._next(inbox, until=asked + self._trip.timeout)
-                if heard is None:
-                    continue
-                self._learn(asked, attempt)
-                result = heard[1]["type"]
-                if result == MissionResult.ACCEPTED:
-                    return
-                if result == MissionResult.DENIED:
-                    raise Busy
-                raise self._refusal(result, None)
+    def _clear(self) -> Waits[None]:
+        for attempt in range(1, self._times.attempts + 1):
+            asked = time.monotonic()
+            self._send("MISSION_CLEAR_ALL")
+            heard = yield asked + self._trip.timeout
+            if heard is None:
+                continue
+            self._learn(asked, attempt)
+            result = heard[1]["type"]
+            if result == MissionResult.ACCEPTED:
+                return
+            if result == MissionResult.DENIED:
+                raise Busy
+            raise self._refusal(result, None)
         raise TimedOut(f"clearing the {self._words}: the autopilot does not answer", vehicle=self._port.name)
 
     # What goes out and comes in.
@@ -261,9 +295,6 @@ class Transfer:
     @property
     def _words(self) -> str:
         return WORDS[self._kind]
-
-    def _inbox(self, *names: str) -> Inbox:
-        return MissionInbox(self._port, self._source, *names)
 
     def _send(self, name: str, **fields: Any) -> None:
         system, component = self._source
@@ -273,15 +304,6 @@ class Transfer:
     def _send_item(self, items: Sequence[Raw], seq: int, sent: list[int]) -> None:
         sent[seq] += 1
         self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
-
-    async def _next(self, inbox: Inbox, until: float | None = None) -> tuple[str, Mapping[str, Any]] | None:
-        """The next message of this transaction; None: none came in time."""
-        until = time.monotonic() + self._trip.timeout if until is None else until
-        while (heard := await inbox.get(until - time.monotonic())) is not None:
-            fields = heard[1]
-            if is_ours(fields, self._port) and fields["mission_type"] == KINDS[self._kind]:
-                return heard
-        return None
 
     def _learn(self, asked: float, tries: int) -> None:
         """Of a repeated question nobody can tell which was answered."""
