@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -16,16 +16,16 @@ from agents.planner.execute.executor import Executor
 from agents.planner.execute.flight import Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
-from agents.planner.live.context import Context, UnderWay
 from agents.planner.live.margins import TIGHT, PlanMargins
 from agents.planner.live.plan import Margins, Planned
-from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, ZmavError
-from zmav.wire import Vector, swarm
+
+if TYPE_CHECKING:
+    from agents.planner.live.run import Run
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
@@ -38,25 +38,6 @@ WORSE = 0.4
 TAKE = 60.0
 """s that leases of another, which is gone, may still be in force: a segment lasts so long"""
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
-
-
-class GoalUnderWay(UnderWay, Protocol):
-    """A goal that is being flown, as what flies it knows it."""
-
-    entry: swarm.GoalEntry
-    stopping: str
-    failure: ZmavError | None
-    context: Context
-    publisher: StatusPublisher
-
-    @property
-    def goes(self) -> bool: ...
-
-    def text(self, text: str) -> None: ...
-
-    def progress(self, share: float) -> None: ...
-
-    def place(self, name: str) -> Vector: ...
 
 
 @dataclass
@@ -74,7 +55,7 @@ class Landed:
 class LeasedVehicles:
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
-    def __init__(self, run: GoalUnderWay) -> None:
+    def __init__(self, run: Run) -> None:
         self._run, settings = run, run.context.settings
         self.executor = Executor(
             run.context.z,
