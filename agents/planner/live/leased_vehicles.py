@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -13,7 +12,7 @@ import msgspec
 import zmav
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import Executor
-from agents.planner.execute.flight import Flight, Trouble
+from agents.planner.execute.flight import Flight, Outcome, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.margins import TIGHT, PlanMargins
@@ -38,18 +37,6 @@ WORSE = 0.4
 TAKE = 60.0
 """s that leases of another, which is gone, may still be in force: a segment lasts so long"""
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
-
-
-@dataclass
-class Landed:
-    """How a plan ended."""
-
-    arrived: bool
-    why: str = ""
-    missing: list[str] = field(default_factory=list)
-    """who does not fly it any more"""
-    flown: dict[str, float] = field(default_factory=dict)
-    """the moment of the plan that each has come to"""
 
 
 class LeasedVehicles:
@@ -131,7 +118,7 @@ class LeasedVehicles:
 
     # Flying.
 
-    async def fly(self, planned: Planned, share: tuple[float, float], again: Again | None = None) -> Landed:
+    async def fly(self, planned: Planned, share: tuple[float, float], again: Again | None = None) -> Outcome:
         """Fly a plan to its end; ``again`` makes another where this one cannot be. ``share``: of the goal's progress.
 
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
@@ -145,11 +132,10 @@ class LeasedVehicles:
         watching = asyncio.create_task(self._watch(executor))
         watching.add_done_callback(lambda task: self._unwatched(task, executor))
         try:
-            outcome = await executor.run(self._flight(planned))
+            return await executor.run(self._flight(planned))
         finally:
             watching.cancel()
             self._planned = None
-        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)), outcome.flown)
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""

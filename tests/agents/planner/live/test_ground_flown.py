@@ -131,7 +131,7 @@ async def test_what_would_be_too_low_is_refused_with_the_height_that_is_needed(f
 
 
 async def test_a_search_follows_the_ground(field: Field) -> None:
-    area = [(15.0, -10.0), (75.0, -10.0), (75.0, 9.0), (15.0, 9.0)]
+    area = [(5.0, 0.0), (45.0, 0.0), (45.0, 20.0), (5.0, 20.0)]
     height = 16.0
     goal = swarm.Search(vehicles=NAMES[:2], polygon=area, height=height, above_ground=True)
     preview = await (await field.planner()).order("preview", swarm.Preview(goal=goal))
