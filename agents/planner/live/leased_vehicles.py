@@ -73,11 +73,6 @@ class LeasedVehicles:
         await self.executor.__aexit__(*exc)
 
     @property
-    def left(self) -> set[str]:
-        """Who did not answer when the leases were taken: they stay where they rest."""
-        return set(self.executor.left)
-
-    @property
     def gone(self) -> set[str]:
         """Who of those that flew the last plan does not fly it any more."""
         return set(self._gone)

@@ -193,7 +193,7 @@ class Run:
         self._begun = True
         self._lanes = next((dict(step.motions) for step in steps if isinstance(step, Fly)), {})
         async with LeasedVehicles(self) as leased:
-            if silent := leased.left:
+            if silent := set(leased.executor.left):  # no answer: they stay where they rest
                 self._go_without(silent)
                 lost |= silent
                 self.context.say(
