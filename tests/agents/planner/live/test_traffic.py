@@ -112,17 +112,17 @@ async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None
         await until(lambda: bool(agent.context.world.traffic), "the aircraft that is far", PATIENCE_S)
         planner = await find(me)
         north, east, down = fleet.places()["quad1"]
-        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 110.0, east, down)])
+        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 150.0, east, down)])
         name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
 
         def flies() -> bool:
             return fleet.places()["quad1"][0] - north > 15.0
 
         await until(flies, "the copter on its way", PATIENCE_S)
-        # It comes from the west, and crosses the way some 75 m ahead, about when the copter would be there: where that
+        # It comes from the west, and crosses the way some 115 m ahead, about when the copter would be there: where that
         # comes to rest it is not in its way, for which there would be no plan before it has passed.
-        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 15.0
-        crossing = MadeUp(0x3C4B12, "CROSS", (north + 90.0, east - v[1] * crosses, down), v)
+        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 23.0
+        crossing = MadeUp(0x3C4B12, "CROSS", (north + 130.0, east - v[1] * crosses, down), v)
         source.aircraft.append(crossing)
         nearest = math.inf
 
