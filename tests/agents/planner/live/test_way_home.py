@@ -15,7 +15,7 @@ from zmav.config import Failsafe
 from zmav.wire import swarm
 
 PATIENCE_S = 90.0
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(300)]  # most is the way home and the landing
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(300)]
 STARTS = [(0.0, 0.0), (0.0, 9.0), (0.0, 18.0)]
 """as far apart as landing places are for what positions may be off; else another place is landed at"""
 ACROSS = [(14.0, 18.0, -10.0), (14.0, 0.0, -10.0), (9.0, 9.0, -10.0)]
