@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from agents.planner.goals.steps import Fly, Pictures, Step
-from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from zmav import wire
 from zmav.errors import Stale, TimedOut, ZmavError
 from zmav.waiting import together
-
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
 
 LOOK = 0.2
 """s between two looks: shorter than what is sent ahead of a vehicle that goes on, so that it goes on with its camera"""
@@ -36,7 +32,7 @@ class Cameras:
     again.
     """
 
-    def __init__(self, run: Run, leased: LeasedVehicles, pictures: Mapping[str, Pictures]) -> None:
+    def __init__(self, run: GoalUnderWay, leased: LeasedVehicles, pictures: Mapping[str, Pictures]) -> None:
         self._run, self._leased, self._pictures = run, leased, pictures
         self._triggered = _triggered(pictures)
         self._told: dict[str, tuple[int, float]] = {}

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -29,15 +29,28 @@ from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
 from zmav.wire import swarm
 
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
-
 EVENTS = 30
 """what happened last, and is told in the status"""
 SELDOM, KINDS = 1.0, 64
 """s between two words on what comes by itself (obstacles, faults, refusals), however many there are, and kinds that are
 told apart
 """
+
+
+class UnderWay(Protocol):
+    """A goal that is being flown, as other goals and those who order it know it."""
+
+    vehicles: tuple[str, ...]
+    leader: str | None
+    tracks: bool
+
+    def committed(self) -> list[MovingObstacle]: ...
+
+    def refresh(self) -> None: ...
+
+    def pause(self) -> None: ...
+
+    def resume(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -51,7 +64,7 @@ class Context:
     fleet: Fleet
     clocks: Clocks
     solver: Solver
-    runs: Mapping[str, Run]
+    runs: Mapping[str, UnderWay]
     """by the goal's id"""
     world: World = field(default_factory=World)
     ledger: GoalBook = field(default_factory=GoalBook)
@@ -147,7 +160,7 @@ class Context:
         """
         return {goal, *(name for name, run in self.runs.items() if self._follows(goal, run))}
 
-    def _follows(self, goal: str, other: Run) -> bool:
+    def _follows(self, goal: str, other: UnderWay) -> bool:
         run = self.runs.get(goal)
         if run is None:
             return False

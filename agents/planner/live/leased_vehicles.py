@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -15,16 +15,16 @@ from agents.planner.execute.executor import Executor
 from agents.planner.execute.flight import Flight, Outcome, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
+from agents.planner.live.context import Context, UnderWay
 from agents.planner.live.margins import TIGHT, PlanMargins
 from agents.planner.live.plan import Margins, Planned
+from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, ZmavError
-
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
+from zmav.wire import Vector, swarm
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
@@ -39,10 +39,29 @@ TAKE = 60.0
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
 
 
+class GoalUnderWay(UnderWay, Protocol):
+    """A goal that is being flown, as what flies it knows it."""
+
+    entry: swarm.GoalEntry
+    stopping: str
+    failure: ZmavError | None
+    context: Context
+    publisher: StatusPublisher
+
+    @property
+    def goes(self) -> bool: ...
+
+    def text(self, text: str) -> None: ...
+
+    def progress(self, share: float) -> None: ...
+
+    def place(self, name: str) -> Vector: ...
+
+
 class LeasedVehicles:
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: GoalUnderWay) -> None:
         self._run, settings = run, run.context.settings
         self.executor = Executor(
             run.context.z,

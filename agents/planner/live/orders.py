@@ -7,7 +7,7 @@ import contextlib
 import math
 from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 import zmav
 from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
 from agents.planner.live.frames import enu
-from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.solve.loiter import STEADY, LoiterCircle
 from zmav import wire
@@ -23,9 +23,6 @@ from zmav.errors import BadInput, Refused, Stale, ZmavError
 from zmav.verbs import VERBS
 from zmav.waiting import together
 from zmav.wire import Vector
-
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
 
 SOON = 0.5
 AGAIN = 40
@@ -36,7 +33,7 @@ SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
 """s, m/s up or down, and times what the way takes: how long planes are given"""
 
 
-async def carry_out(run: Run, leased: LeasedVehicles, step: Orders, gone: AbstractSet[str]) -> None:
+async def carry_out(run: GoalUnderWay, leased: LeasedVehicles, step: Orders, gone: AbstractSet[str]) -> None:
     """Each order once those before it are done. When one fails the others hold, and what it raises is raised at once;
     of landings the others go on first, but for those that wait for a way down that the one who failed may be in.
 
@@ -102,12 +99,12 @@ async def land(vehicle: zmav.Vehicle, args: Mapping[str, Any], again: int = AGAI
     await give(vehicle, "land", args)
 
 
-async def halt(run: Run, leased: LeasedVehicles, names: Iterable[str]) -> None:
+async def halt(run: GoalUnderWay, leased: LeasedVehicles, names: Iterable[str]) -> None:
     """Have those that move stop where they are."""
     await hold_all(run, leased, [name for name in names if _in_the_air(run, name)])
 
 
-async def hold_all(run: Run, leased: LeasedVehicles, names: list[str]) -> None:
+async def hold_all(run: GoalUnderWay, leased: LeasedVehicles, names: list[str]) -> None:
     """Under our leases, which go on. Who was taken from us is another's: a hold of ours would end his lease. Anyone who
     does not answer is told of.
     """
@@ -118,7 +115,7 @@ async def hold_all(run: Run, leased: LeasedVehicles, names: list[str]) -> None:
             run.context.say("hold", "warning", f"{name} was told to hold, and did not: {result}", goal=run.entry.id)
 
 
-async def speak_for(run: Run, volumes: Mapping[str, list[Tube]]) -> None:
+async def speak_for(run: GoalUnderWay, volumes: Mapping[str, list[Tube]]) -> None:
     """Wait until nobody else has spoken for that room, and do."""
     context = run.context
     while blocker := context.airspace.blocker(context.kin(run.entry.id), volumes, context.settings.downwash):
@@ -127,7 +124,7 @@ async def speak_for(run: Run, volumes: Mapping[str, list[Tube]]) -> None:
     context.airspace.hold(run.entry.id, volumes)
 
 
-async def loiter(run: Run, leased: LeasedVehicles, step: Loiter) -> None:
+async def loiter(run: GoalUnderWay, leased: LeasedVehicles, step: Loiter) -> None:
     """Planes to their circles; done when all circle."""
     await speak_for(run, {circle.vehicle: _around(run, circle) for circle in step.circles})
     await circle({name: leased.vehicle(name) for name in step.vehicles}, step)
@@ -169,7 +166,7 @@ def _local(vehicle: zmav.Vehicle) -> Vector:
     return local
 
 
-def _around(run: Run, circle: LoiterCircle) -> list[Tube]:
+def _around(run: GoalUnderWay, circle: LoiterCircle) -> list[Tube]:
     """All that it may be off its way over the ground, from where it is to its circle."""
     wide = CIRCLING * circle.radius
     seen = run.context.fleet.seen(circle.vehicle)
@@ -182,7 +179,7 @@ def _around(run: Run, circle: LoiterCircle) -> list[Tube]:
     return [Tube(boxes, seen.view.body.radius)]
 
 
-def _columns(run: Run, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:
+def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:
     """Where these orders lead it: straight up (takeoff) and down (land)."""
     seen = run.context.fleet.seen(name)
     assert seen is not None
@@ -197,6 +194,6 @@ def _columns(run: Run, name: str, orders: tuple[VehicleOrder, ...], place: Vecto
     return [tube(way, seen.view.body.radius)]
 
 
-def _in_the_air(run: Run, name: str) -> bool:
+def _in_the_air(run: GoalUnderWay, name: str) -> bool:
     seen = run.context.fleet.seen(name)
     return seen is not None and (seen.view.airborne or (not seen.view.flies and bool(seen.state.armed)))

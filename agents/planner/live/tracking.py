@@ -8,7 +8,6 @@ all that any other may be flying. When nothing more comes, whatever the reason, 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND, VehicleView
 from agents.planner.goals.steps import Track as Step
 from agents.planner.live.frames import enu, enu_array, ned, vector
-from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
@@ -28,9 +27,6 @@ from agents.planner.model.ground import Floor
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.errors import BadInput, Refused, Stale
 from zmav.wire import Vector
-
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
 
 EVERY = 1.0
 """s between two segments of one follower"""
@@ -47,7 +43,7 @@ BLOCKED = 6.0
 class Tracking:
     """One follow goal under way: a source of motion for its own conductor. Lives on the event loop."""
 
-    def __init__(self, run: Run, leased: LeasedVehicles, step: Step, planner: Planner) -> None:
+    def __init__(self, run: GoalUnderWay, leased: LeasedVehicles, step: Step, planner: Planner) -> None:
         self._run, self._leased, self._goal, self._planner = run, leased, step.goal, planner
         self._due: dict[str, float] = {}
         self._told: dict[str, float] = {}
