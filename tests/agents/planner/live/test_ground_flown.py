@@ -109,6 +109,25 @@ async def fly(field: Field, goal: swarm.Goal) -> Watch:
     return watch
 
 
+async def test_a_search_follows_the_ground(field: Field) -> None:
+    area = [(5.0, 0.0), (45.0, 0.0), (45.0, 20.0), (5.0, 20.0)]
+    height = 16.0
+    goal = swarm.Search(vehicles=NAMES[:2], polygon=area, height=height, above_ground=True)
+    preview = await (await field.planner()).order("preview", swarm.Preview(goal=goal))
+    (lanes,) = [step for step in preview["steps"] if "figures" in step]
+    assert lanes["above_ground"] > height - 1.5, "SRTM's heights are whole metres"
+    downs = [-row[3] for track in lanes["tracks"].values() for row in track]
+    assert max(downs) - min(downs) > HIGH / 3.0, "it goes up and down with the hill"
+    async with field.fleet.watch() as watch:
+        name = await field.submit(goal)
+        await ended(field, name)
+    assert not [text for text in refused(field) if "not as prepared" in text]
+    assert least(field, watch) > LEAST - HEARD_LATE
+    with pytest.raises(BadInput, match="10 m are asked for"):
+        low = swarm.Search(vehicles=NAMES[:1], polygon=area, height=8.0, above_ground=True)
+        await (await field.planner()).order("preview", swarm.Preview(goal=low))
+
+
 async def test_what_would_be_too_low_is_refused_with_the_height_that_is_needed(field: Field) -> None:
     planner = await field.planner()
     top = up(field, *TOP)
@@ -128,25 +147,6 @@ async def test_what_would_be_too_low_is_refused_with_the_height_that_is_needed(f
         check_field(far, context.fleet.view(), wide, context.settings.ground, 1.5, lambda name: None)
     watch = await fly(field, swarm.GoTo(vehicles=NAMES[:1], to=[(*TOP, -needed)]))
     assert least(field, watch) > LEAST - HEARD_LATE
-
-
-async def test_a_search_follows_the_ground(field: Field) -> None:
-    area = [(5.0, 0.0), (45.0, 0.0), (45.0, 20.0), (5.0, 20.0)]
-    height = 16.0
-    goal = swarm.Search(vehicles=NAMES[:2], polygon=area, height=height, above_ground=True)
-    preview = await (await field.planner()).order("preview", swarm.Preview(goal=goal))
-    (lanes,) = [step for step in preview["steps"] if "figures" in step]
-    assert lanes["above_ground"] > height - 1.5, "SRTM's heights are whole metres"
-    downs = [-row[3] for track in lanes["tracks"].values() for row in track]
-    assert max(downs) - min(downs) > HIGH / 3.0, "it goes up and down with the hill"
-    async with field.fleet.watch() as watch:
-        name = await field.submit(goal)
-        await ended(field, name)
-    assert not [text for text in refused(field) if "not as prepared" in text]
-    assert least(field, watch) > LEAST - HEARD_LATE
-    with pytest.raises(BadInput, match="10 m are asked for"):
-        low = swarm.Search(vehicles=NAMES[:1], polygon=area, height=8.0, above_ground=True)
-        await (await field.planner()).order("preview", swarm.Preview(goal=low))
 
 
 async def test_three_copters_come_across_the_hill_and_home_over_it_when_their_planner_is_gone(field: Field) -> None:
