@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
 
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
-LENS = CameraSpec(rate_hz=12.0)
+LENS = CameraSpec(rate_hz=8.0)
 FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal_px)
 DECK, PATIENCE_S = 0.31, 60.0
 WRONG = 0.5
@@ -66,7 +66,7 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
         for vehicle in (quad, rover):
             await vehicle.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
 
-        own = CameraSettings(vehicle="quad1", rate=12.0, budget=500e3, offset=LENS.offset_m)
+        own = CameraSettings(vehicle="quad1", rate=LENS.rate_hz, budget=500e3, offset=LENS.offset_m)
         bulk = SessionSettings(connect=[endpoint])
         camera = CameraAgent(z, own, MjpegSource(pictures), FIELD_OF_VIEW, bulk)
         await stack.enter_async_context(camera)

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
-from agents.planner.execute.homes import Home, Homes
-from agents.planner.execute.rows import SAME, ahead, head_of, knot, standing
+from agents.planner.execute.rows import SAME, Home, ahead, head_of, knot, standing
 from agents.planner.execute.track import CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats, places_at
 from zmav.wire.state import Severity
+
+if TYPE_CHECKING:
+    from agents.planner.returning.keeper import ReturnKeeper
 
 START = 2.0
 """s from the first commit until the plan begins: for everybody to hear it"""
@@ -115,7 +117,7 @@ class Conductor:
         downwash: float,
         now: float,
         source: Source | None = None,
-        homes: Homes | None = None,
+        homes: ReturnKeeper | None = None,
     ) -> None:
         self.parts = list(parts)
         self._source, self._homes = source, homes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +14,15 @@ from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
 from agents.planner.execute.flight import SLACK, TRACKING, Flight, Outcome, Replan, Say, Trouble, margin_for
 from agents.planner.execute.following import Following
-from agents.planner.execute.homes import Homes
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
 from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
+
+if TYPE_CHECKING:
+    from agents.planner.returning.keeper import ReturnKeeper
 
 TICK = 0.1
 """s between two looks at everything"""
@@ -77,7 +80,7 @@ class Executor:
         followings: Mapping[str, Following] | None = None,
         taking: float = 0.0,
         waits: Callable[[str], None] = lambda text: None,
-        homes: Homes | None = None,
+        homes: ReturnKeeper | None = None,
     ) -> None:
         self.clock, known = clock or Clock(), offsets or {}
         self._taking, self._waits, self._hurry = taking, waits, False

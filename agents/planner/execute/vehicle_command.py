@@ -11,8 +11,8 @@ import numpy as np
 
 import zmav
 from agents.planner.execute.commit import Stamp
-from agents.planner.execute.homes import Home
 from agents.planner.execute.offset import Offset
+from agents.planner.execute.rows import Home
 from agents.planner.live.frames import enu, ned
 from agents.planner.model.problem import Floats
 from zmav import keys, wire

@@ -47,9 +47,9 @@ class Drape:
             from scipy import ndimage  # takes long to import and is seldom needed
 
             reach = int(np.ceil(WINDOW / step))
-            levels = ndimage.maximum_filter1d(levels, 2 * reach + 1, mode="nearest")
+            levels = _windows(levels, reach).max(axis=1)
             for _ in range(2):
-                levels = ndimage.uniform_filter1d(levels, reach // 2 * 2 + 1, mode="nearest")
+                levels = _windows(levels, reach // 2).mean(axis=1)
         return np.column_stack((path[:, :2], levels))
 
     def _up(self, x: float, y: float) -> float:
@@ -58,3 +58,8 @@ class Drape:
             text = f"the ground {x:.0f} m east and {y:.0f} m north of the origin is not known to the planner"
             raise BadInput(text, field="polygon", value=None, expected="ground that is known: --terrain")
         return found
+
+
+def _windows(levels: Floats, reach: int) -> Floats:
+    """(K, 2 reach + 1): each level with its neighbours, the ends repeated beyond them."""
+    return np.lib.stride_tricks.sliding_window_view(np.pad(levels, reach, mode="edge"), 2 * reach + 1)

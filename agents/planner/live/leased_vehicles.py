@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import msgspec
@@ -13,7 +12,7 @@ import msgspec
 import zmav
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import Executor
-from agents.planner.execute.flight import Flight, Trouble
+from agents.planner.execute.flight import Flight, Outcome, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
@@ -59,18 +58,6 @@ class GoalUnderWay(UnderWay, Protocol):
     def place(self, name: str) -> Vector: ...
 
 
-@dataclass
-class Landed:
-    """How a plan ended."""
-
-    arrived: bool
-    why: str = ""
-    missing: list[str] = field(default_factory=list)
-    """who does not fly it any more"""
-    flown: dict[str, float] = field(default_factory=dict)
-    """the moment of the plan that each has come to"""
-
-
 class LeasedVehicles:
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
@@ -103,11 +90,6 @@ class LeasedVehicles:
 
     async def __aexit__(self, *exc: object) -> None:
         await self.executor.__aexit__(*exc)
-
-    @property
-    def left(self) -> set[str]:
-        """Who did not answer when the leases were taken: they stay where they rest."""
-        return set(self.executor.left)
 
     @property
     def gone(self) -> set[str]:
@@ -150,7 +132,7 @@ class LeasedVehicles:
 
     # Flying.
 
-    async def fly(self, planned: Planned, share: tuple[float, float], again: Again | None = None) -> Landed:
+    async def fly(self, planned: Planned, share: tuple[float, float], again: Again | None = None) -> Outcome:
         """Fly a plan to its end; ``again`` makes another where this one cannot be. ``share``: of the goal's progress.
 
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
@@ -164,11 +146,10 @@ class LeasedVehicles:
         watching = asyncio.create_task(self._watch(executor))
         watching.add_done_callback(lambda task: self._unwatched(task, executor))
         try:
-            outcome = await executor.run(self._flight(planned))
+            return await executor.run(self._flight(planned))
         finally:
             watching.cancel()
             self._planned = None
-        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)), outcome.flown)
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from agents.planner.execute.flight import Trouble
+from agents.planner.execute.flight import Outcome, Trouble
 from agents.planner.goals.steps import (
     FleetView,
     Fly,
@@ -26,7 +26,7 @@ from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
 from agents.planner.live.frames import enu, ned, vector
-from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
+from agents.planner.live.leased_vehicles import Again, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import MOST_APART, Planned, Planner
@@ -193,7 +193,7 @@ class Run:
         self._begun = True
         self._lanes = next((dict(step.motions) for step in steps if isinstance(step, Fly)), {})
         async with LeasedVehicles(self) as leased:
-            if silent := leased.left:
+            if silent := set(leased.executor.left):  # no answer: they stay where they rest
                 self._go_without(silent)
                 lost |= silent
                 self.context.say(
@@ -266,7 +266,7 @@ class Run:
         while True:
             flown = await self._planned(leased, rest, self._view(rest.vehicles))
             try:
-                landed = await self._flown(leased, flown, step.text, share, again)
+                outcome = await self._flown(leased, flown, step.text, share, again)
             except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
                 refused += 1
                 if refused == MOST_TRIES:
@@ -277,10 +277,10 @@ class Run:
                 self._state("planning", f"planned again: {e.message}")
                 await self._settled(rest.vehicles)
                 continue
-            if not landed.arrived:
+            if not outcome.done:
                 self.check_stopped()
-                raise self.failure or Refused(landed.why)
-            missing |= set(landed.missing)
+                raise self.failure or Refused(outcome.reason)
+            missing |= leased.gone
             if not flown.before:
                 return sorted(missing)
             self._go_without(missing)  # from now on they are somebody else's, to be kept clear of
@@ -298,14 +298,14 @@ class Run:
         planned, why = await self.planner.check(step, self._view(), await leased.margins())
         if planned is not None:
             try:
-                landed = await self._flown(leased, planned, step.text, share)
-                self._lanes = {name: left_over(step.motions[name], at) for name, at in landed.flown.items()}
+                outcome = await self._flown(leased, planned, step.text, share)
+                self._lanes = {name: left_over(step.motions[name], at) for name, at in outcome.flown.items()}
             except Refused as e:  # nobody has moved: a clock is not known well enough, or somebody drifted
-                landed = Landed(False, e.message)
+                outcome = Outcome(False, e.message)
             self.check_stopped()
-            if landed.arrived:
+            if outcome.done:
                 return []
-            why, missing = landed.why, leased.gone
+            why, missing = outcome.reason, leased.gone
             self._go_without(missing)
             self.context.say("replan", "notice", f"{self.entry.id}: planned again: {why}", goal=self.entry.id)
             await self._settled()
@@ -383,7 +383,7 @@ class Run:
         text: str,
         share: tuple[float, float],
         again: Again | None = None,
-    ) -> Landed:
+    ) -> Outcome:
         self.check_stopped()  # it was stopped in between, where nothing was flown that could have come to rest
         self._speak_for(planned)
         self._state("flying", text or "flies")

@@ -21,6 +21,8 @@ from zmav.wire import Vector
 
 OVER = 10.0
 """m above the highest ground that there is room for"""
+GOES_ON = 8.0
+"""s for which what is at another's command goes on as it does"""
 DEPTH = 50.0
 """m below the lowest vehicle to which the column below one that is not heard goes"""
 
@@ -105,13 +107,13 @@ def _lost(seen: HeardVehicle) -> bool:
     return seen.age >= FRESH and seen.view.airborne
 
 
-def _motion_of(view: VehicleView, ahead: float = 8.0) -> Floats:
+def _motion_of(view: VehicleView) -> Floats:
     """Where it stays; or goes on as it does for a while, where it moves at somebody else's command."""
     x, y, z = enu(view.pos_ned)
     u, v, w = enu(view.vel_ned)
     if u * u + v * v + w * w < 0.25:
         u = v = w = 0.0
-    return np.array([(t, x + u * t, y + v * t, z + w * t) for t in (0.0, ahead)], dtype=np.float64)
+    return np.array([(t, x + u * t, y + v * t, z + w * t) for t in (0.0, GOES_ON)], dtype=np.float64)
 
 
 def scene_of(
@@ -126,22 +128,15 @@ def scene_of(
         ]
     empty = room.empty([*starts, *goals, *also], starts)
     vehicles = [_vehicle(view, s, g if labelled else None) for view, s, g in zip(views, starts, goals, strict=True)]
-    return scene.Scene(
-        vehicles=vehicles,
-        obstacles=empty.obstacles,
-        bounds=empty.bounds,
-        geofence=empty.geofence,
-        downwash=empty.downwash,
-        assignment="labelled" if labelled else "unlabelled",
-        goals=None if labelled else goals,
-    )
+    if labelled:
+        return msgspec.structs.replace(empty, vehicles=vehicles)
+    return msgspec.structs.replace(empty, vehicles=vehicles, assignment="unlabelled", goals=goals)
 
 
 def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Vehicle:
     body = view.body
-    kind: Literal["copter", "rover", "plane"] = "copter"
-    if view.kind in GROUND or view.kind in WINGED:
-        kind = "rover" if view.kind in GROUND else "plane"
+    kind: Literal["copter", "rover", "plane"]
+    kind = "rover" if view.kind in GROUND else "plane" if view.kind in WINGED else "copter"
     return scene.Vehicle(
         id=view.name,
         type=kind,

@@ -34,6 +34,7 @@ class SolverProcess:
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles; not where they never are."""
         if not jit.interpreted():
+            warm.load_numba()
             warm.flown(warm.warm(tell=self._compiling).motions())
         jobs.write(self._out, jobs.Ready())
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Part, Stamp
-from agents.planner.execute.homes import Home
+from agents.planner.execute.rows import Home
 from agents.planner.model.problem import Floats
 from agents.planner.returning.finder import Finder, Returner, Surroundings
 from agents.planner.returning.futures import Futures, StoredWay, need_of
@@ -69,7 +69,7 @@ class ReturnKeeper:
         self.found = self.none = 0
         """how often there was a way, and how often none"""
 
-    # The conductor's side (:class:`agents.planner.execute.homes.Homes`).
+    # What the conductor asks: :meth:`begin`, then the others for each vehicle, then :meth:`sent` for what was put.
 
     def begin(self, parts: Sequence[Part], now: float) -> None:
         """What follows is decided at ``now``, for these."""

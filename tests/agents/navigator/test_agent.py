@@ -196,17 +196,17 @@ async def test_who_flies_nothing_has_nothing_to_abort(field: Field) -> None:
 
 async def test_it_flies_to_the_end_and_says_how_well_it_followed(field: Field) -> None:
     navigator = field.navigator
-    told = await field.fly(route="square", side=4.0, heading=0.5)
-    assert told["length"] == 16.0
+    told = await field.fly(route="square", side=3.0, heading=0.5)
+    assert told["length"] == 12.0
     with pytest.raises(Refused, match="flies square already"):
         await field.fly(route="circle")
-    await field.ended("flew square: 16.0 m")
+    await field.ended("flew square: 12.0 m")
     found = navigator.last
     assert found is not None
     assert found.samples > 200
     assert found.rms < 0.3  # there is no wind
     assert found.peaks[0].error <= found.peak
-    assert field.words[-1].detail["summary"]["length"] == 16.0
+    assert field.words[-1].detail["summary"]["length"] == 12.0
     state = await field.me.wait_until(lambda s: s.lease is None, PATIENCE_S)
     assert state.lease_end is not None
     assert state.lease_end.reason == "released"

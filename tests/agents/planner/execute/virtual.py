@@ -238,9 +238,13 @@ def line(start: Floats, goal: Floats, speed: float = 4.0, accel: float = 2.0, de
     t = np.append(np.arange(0.0, whole, 0.1), whole)
     up, down = np.minimum(t, ramp), np.minimum(whole - t, ramp)
     gone = np.where(t <= whole - ramp, 0.5 * accel * up**2 + top * (t - up), length - 0.5 * accel * down**2)
-    place = start + np.outer(gone / max(length, 1e-9), goal - start)
-    motion = np.column_stack((t + delay, place))
-    return np.vstack(([0.0, *start], motion)) if delay > 0.0 else motion
+    return delayed(np.column_stack((t, start + np.outer(gone / max(length, 1e-9), goal - start))), delay)
+
+
+def delayed(motion: Motion, delay: float) -> Motion:
+    """The same after standing for ``delay`` seconds."""
+    later = motion + np.array([delay, 0.0, 0.0, 0.0])
+    return np.vstack(([0.0, *motion[0, 1:]], later)) if delay > 0.0 else later
 
 
 def slower(motions: dict[str, Motion], times: float) -> dict[str, Motion]:
@@ -253,9 +257,10 @@ def crossing(rng: np.random.Generator, n: int, size: float = 18.0, apart: float 
         starts, goals = _spread(rng, n, size, apart), _spread(rng, n, size, apart)
         motions: dict[str, Motion] = {}
         for k in range(n):
+            way = line(starts[k], goals[k])
+            others = list(motions.values()) + [np.array([[0.0, *starts[j]]]) for j in range(k + 1, n)]
             for delay in np.arange(0.0, 40.0, 0.5):
-                motion = line(starts[k], goals[k], delay=float(delay))
-                others = list(motions.values()) + [np.array([[0.0, *starts[j]]]) for j in range(k + 1, n)]
+                motion = delayed(way, float(delay))
                 if all(separation(motion, other, 1.5)[0] >= apart for other in others):
                     motions[f"v{k}"] = motion
                     break

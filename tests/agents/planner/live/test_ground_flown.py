@@ -30,6 +30,8 @@ NAMES = ["quad1", "quad2", "quad3"]
 STARTS = [(0.0, 0.0), (0.0, 9.0), (0.0, 18.0)]
 HIGH, WIDE, TOP = 24.0, 25.0, (45.0, 9.0)
 """m of the hill, and its place"""
+BEHIND = 90.0
+"""m north: behind it"""
 LONG_S = 180.0
 HEARD_LATE = 0.3
 """m by which a copter may truly be below where it should be"""
@@ -107,19 +109,23 @@ async def fly(field: Field, goal: swarm.Goal) -> Watch:
     return watch
 
 
-async def test_three_copters_come_across_the_hill_and_back(field: Field) -> None:
-    across = swarm.GoTo(vehicles=NAMES, to=[(90.0, east, -16.0) for _, east in STARTS])
-    preview = await (await field.planner()).order("preview", swarm.Preview(goal=across))
-    assert LEAST <= preview["above_ground"] < 15.0
-    watch = await fly(field, across)
+async def test_a_search_follows_the_ground(field: Field) -> None:
+    area = [(5.0, 0.0), (45.0, 0.0), (45.0, 20.0), (5.0, 20.0)]
+    height = 16.0
+    goal = swarm.Search(vehicles=NAMES[:2], polygon=area, height=height, above_ground=True)
+    preview = await (await field.planner()).order("preview", swarm.Preview(goal=goal))
+    (lanes,) = [step for step in preview["steps"] if "figures" in step]
+    assert lanes["above_ground"] > height - 1.5, "SRTM's heights are whole metres"
+    downs = [-row[3] for track in lanes["tracks"].values() for row in track]
+    assert max(downs) - min(downs) > HIGH / 3.0, "it goes up and down with the hill"
+    async with field.fleet.watch() as watch:
+        name = await field.submit(goal)
+        await ended(field, name)
+    assert not [text for text in refused(field) if "not as prepared" in text]
     assert least(field, watch) > LEAST - HEARD_LATE
-    assert watch.least(1.5) > 2.0
-    states = [field.me.vehicle(name).last_state for name in NAMES]
-    assert not any(state and state.setpoints.get("ground") for state in states), "no vehicle refused any of it"
-    back = swarm.Formation(vehicles=NAMES, shape="line", at=(0.0, 9.0, -16.0), spacing=9.0)
-    watch = await fly(field, back)
-    assert least(field, watch) > LEAST - HEARD_LATE
-    assert not any(state and state.setpoints.get("ground") for state in states)
+    with pytest.raises(BadInput, match="10 m are asked for"):
+        low = swarm.Search(vehicles=NAMES[:1], polygon=area, height=8.0, above_ground=True)
+        await (await field.planner()).order("preview", swarm.Preview(goal=low))
 
 
 async def test_what_would_be_too_low_is_refused_with_the_height_that_is_needed(field: Field) -> None:
@@ -141,35 +147,28 @@ async def test_what_would_be_too_low_is_refused_with_the_height_that_is_needed(f
         check_field(far, context.fleet.view(), wide, context.settings.ground, 1.5, lambda name: None)
     watch = await fly(field, swarm.GoTo(vehicles=NAMES[:1], to=[(*TOP, -needed)]))
     assert least(field, watch) > LEAST - HEARD_LATE
-    # All, as another may stand there: who has which place in the line above is the planner's choice.
-    await fly(field, swarm.GoTo(vehicles=NAMES, to=[(*place, -16.0) for place in STARTS]))
 
 
-async def test_a_search_follows_the_ground(field: Field) -> None:
-    area = [(20.0, -10.0), (70.0, -10.0), (70.0, 28.0), (20.0, 28.0)]
-    height = 16.0
-    goal = swarm.Search(vehicles=NAMES[:2], polygon=area, height=height, above_ground=True)
-    preview = await (await field.planner()).order("preview", swarm.Preview(goal=goal))
-    (lanes,) = [step for step in preview["steps"] if "figures" in step]
-    assert lanes["above_ground"] > height - 1.5, "SRTM's heights are whole metres"
-    downs = [-row[3] for track in lanes["tracks"].values() for row in track]
-    assert max(downs) - min(downs) > HIGH / 3.0, "it goes up and down with the hill"
-    async with field.fleet.watch() as watch:
-        name = await field.submit(goal)
-        await ended(field, name)
-    assert not [text for text in refused(field) if "not as prepared" in text]
+async def test_three_copters_come_across_the_hill_and_home_over_it_when_their_planner_is_gone(field: Field) -> None:
+    """The last one here: its planner says nothing more."""
+    across = swarm.GoTo(vehicles=NAMES, to=[(BEHIND, east, -16.0) for _, east in STARTS])
+    preview = await (await field.planner()).order("preview", swarm.Preview(goal=across))
+    assert LEAST <= preview["above_ground"] < 15.0
+    watch = await fly(field, across)
     assert least(field, watch) > LEAST - HEARD_LATE
-    with pytest.raises(BadInput, match="10 m are asked for"):
-        low = swarm.Search(vehicles=NAMES[:1], polygon=area, height=8.0, above_ground=True)
-        await (await field.planner()).order("preview", swarm.Preview(goal=low))
+    assert watch.least(1.5) > 2.0
+    states = [field.me.vehicle(name).last_state for name in NAMES]
+    assert not any(state and state.setpoints.get("ground") for state in states), "no vehicle refused any of it"
 
+    def stored() -> bool:
+        states = [field.me.vehicle(name).last_state for name in NAMES]
+        return all(state and state.segment and state.segment.home is not None for state in states)
 
-async def test_ways_home_lead_over_the_hill_and_are_kept_by_the_vehicles(field: Field) -> None:
     async with field.fleet.watch() as watch:
-        await field.submit(swarm.GoTo(vehicles=NAMES, to=[(90.0, east, -16.0) for _, east in STARTS]))
-        await until(lambda: min(place[0] for place in watch.rows[-1][1].values()) > 60.0, "behind the hill", LONG_S)
-        segments = [field.me.vehicle(each).last_state for each in NAMES]
-        assert all(state and state.segment and state.segment.home is not None for state in segments)
+        aside = swarm.Formation(vehicles=NAMES, shape="line", at=(BEHIND, 17.0, -16.0), spacing=9.0)
+        name = await field.submit(aside)
+        await field.until(name, lambda entry: entry.state == "flying")
+        await until(stored, "ways home are kept", LONG_S)
         field.agent.context.z.session.close()  # nothing is sent any more
         await until(lambda: all(-down < 0.5 for _, _, down in watch.rows[-1][1].values()), "on the ground", LONG_S)
     in_the_air = Watch(field.fleet)

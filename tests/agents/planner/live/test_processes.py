@@ -88,7 +88,7 @@ async def test_a_killed_planner_s_goal_is_ended_by_the_next() -> None:
             code, _, err = await run(fleet, "goto", "nobody=0,0,10")
             assert (code, "no vehicle nobody is known" in err) == (1, True)
 
-            goal = asyncio.create_task(run(fleet, "goto", "quad1=40,8,10", "quad2=40,0,10"))
+            goal = asyncio.create_task(run(fleet, "goto", "quad1=30,8,10", "quad2=30,0,10"))
             while fleet.places()["quad1"][0] < 8.0:
                 assert not goal.done(), goal.result()
                 await asyncio.sleep(0.05)
@@ -102,4 +102,4 @@ async def test_a_killed_planner_s_goal_is_ended_by_the_next() -> None:
             assert closest > 2.0
             code, out, err = await goal
             assert (code, "done" in out, "taken over from first" in out) == (0, True, True), (out, err)
-            assert math.dist(fleet.places()["quad1"], (40.0, 8.0, -10.0)) < 1.0
+            assert math.dist(fleet.places()["quad1"], (30.0, 8.0, -10.0)) < 1.0

@@ -22,7 +22,7 @@ from zmav.wire import swarm
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 PACK = 20_000.0
 """mAh of a pack that lasts"""
-POLYGON = [(12.0, -5.0), (42.0, -5.0), (42.0, 35.0), (12.0, 35.0)]
+POLYGON = [(5.0, -5.0), (25.0, -5.0), (25.0, 25.0), (5.0, 25.0)]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

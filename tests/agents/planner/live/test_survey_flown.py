@@ -123,7 +123,9 @@ async def test_the_pictures_cover_the_area_with_the_overlap_that_was_asked(field
     assert inner.difference(narrow).area < 0.02 * inner.area, "lanes overlap by less than was asked"
 
 
-async def test_a_pause_ends_the_pictures_and_going_on_begins_them_again(field: Field, pictures: Pictures) -> None:
+async def test_a_pause_ends_the_pictures_until_it_goes_on_and_a_pilot_s_vehicle_takes_no_more(
+    field: Field, pictures: Pictures
+) -> None:
     planner, cameras = await field.planner(), [copter(field, name).camera for name in NAMES]
     name = await field.submit(survey(*NAMES))
     await field.until(name, lambda entry: pictures.count > 6)
@@ -133,17 +135,9 @@ async def test_a_pause_ends_the_pictures_and_going_on_begins_them_again(field: F
     assert all(math.hypot(*field.me.vehicle(each).state.velocity or ()) < 0.6 for each in NAMES)
     await planner.order("resume", swarm.GoalId(goal=name))
     await until(lambda: all(camera.every for camera in cameras), PATIENCE_S)
-    await planner.order("cancel", swarm.GoalId(goal=name))
-    await until(lambda: not any(camera.every for camera in cameras), PATIENCE_S)
-
-
-async def test_a_pilot_s_vehicle_takes_no_more(field: Field, pictures: Pictures) -> None:
-    cameras = [copter(field, name).camera for name in NAMES]
-    name = await field.submit(survey(*NAMES))
-    await field.until(name, lambda entry: pictures.count > 6)
     field.fleet.world.call(lambda: copter(field, NAMES[0]).set_mode(5))  # his switch, to LOITER
     await until(lambda: cameras[0].every == 0.0, PATIENCE_S)
-    await (await field.planner()).order("abort", swarm.GoalId())
+    await planner.order("cancel", swarm.GoalId(goal=name))
     await until(lambda: not any(camera.every for camera in cameras), PATIENCE_S)
 
 
