@@ -44,8 +44,6 @@ class Drape:
             levels[near] = np.maximum(levels[near], levels[near] if lowest is None else lowest)
         step = float(along[-1]) / max(len(path) - 1, 1)
         if 0.0 < step < WINDOW / 4.0:
-            from scipy import ndimage  # takes long to import and is seldom needed
-
             reach = int(np.ceil(WINDOW / step))
             levels = _windows(levels, reach).max(axis=1)
             for _ in range(2):
