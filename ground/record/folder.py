@@ -148,3 +148,22 @@ class Tail:
 
     def close(self) -> None:
         os.close(self.fd)
+
+    def finish(self) -> None:
+        """Bring what waits to the disk, and close it; after an OSError, too."""
+        try:
+            self.flush()
+            os.fdatasync(self.fd)
+        finally:
+            self.close()
+
+    def abandon(self) -> bool:
+        """Close it as it is, readable to its last flush. False: it holds nothing, so it is gone."""
+        with contextlib.suppress(OSError):
+            self.flush()
+        with contextlib.suppress(OSError):  # a disk that is read-only by now
+            self.close()
+            if not self.size:
+                self.path.unlink(missing_ok=True)
+                return False
+        return True
