@@ -27,7 +27,7 @@ Item = dict[str, Any]
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
     specs = [VehicleSpec(), VehicleSpec(autopilot="px4")]
-    with Fleet(specs, speed=2.0, udpin="read_only=1") as fleet:
+    with Fleet(specs, speed=1.0, udpin="read_only=1") as fleet:
         yield fleet
 
 
