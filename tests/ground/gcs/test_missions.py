@@ -146,6 +146,62 @@ def test_an_upload_that_is_begun_again_is_the_one_that_counts(gcs: Caller) -> No
     assert len(gcs.fields("MISSION_ACK", PX4)) == 1
 
 
+def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end(fleet: Fleet, gcs: Caller) -> None:
+    """Side by side, either could be the one in force."""
+    go, under_way = asyncio.Event(), list[int]()
+    vehicle = type(fleet.vehicle(PX4))
+    order = vehicle.order
+
+    async def late(self: Any, verb: str, *args: Any) -> Any:
+        under_way.append(1 + sum(under_way))
+        await go.wait()
+        try:
+            return await order(self, verb, *args)
+        finally:
+            under_way.append(-1)
+
+    items = plan(PX4, 3, alt=35.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vehicle, "order", late)
+        gcs.to("MISSION_COUNT", PX4, count=1)
+        gcs.wait(lambda: requests(gcs, PX4) == [0], "a request")
+        gcs.to("MISSION_ITEM_INT", PX4, seq=0, **waypoint(0))
+        gcs.wait(lambda: under_way != [], "an order")
+        asked = len(requests(gcs, PX4))
+        gcs.to("MISSION_COUNT", PX4, count=3)
+        for seq in range(3):
+            gcs.wait(lambda: requests(gcs, PX4)[asked:][-1:] == [seq], f"a request for {seq}")  # noqa: B023
+            gcs.to("MISSION_ITEM_INT", PX4, seq=seq, **items[seq])
+        gcs.wait(lambda: requests(gcs, PX4)[-3:] == [2, 1, 2], "requests to pass the time")
+        assert under_way == [1]
+        fleet.loop.call_soon_threadsafe(go.set)
+        gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
+    assert under_way == [1, -1, 1, -1]
+    assert core(download(gcs, PX4)) == core(items)
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
+
+
+def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, gcs: Caller) -> None:
+    """A station's ACK at the end of a download may be lost, or never sent."""
+
+    def item(seq: int) -> float:
+        return float(gcs.answer("MISSION_REQUEST_INT", "MISSION_ITEM_INT", PX4, seq=seq)["z"])
+
+    async def change(alt: float) -> None:
+        missions = fleet.vehicle(PX4).missions
+        items = (await missions.get()).items
+        for each in items:
+            each.z = alt
+        await missions.upload(items)
+
+    assert upload(gcs, PX4, plan(PX4, 2, alt=21.0))["type"] == ACCEPTED
+    assert gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", PX4)["count"] == 2
+    assert [item(0), item(1)] == [21.0, 21.0]
+    for alt in (22.0, 23.0):
+        fleet.run(change(alt))
+        assert [item(0), item(1)] == [alt, alt]
+
+
 def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:
     upload(gcs, PX4, plan(PX4, 2))
     gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", PX4)
