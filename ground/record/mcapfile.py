@@ -25,8 +25,7 @@ from zstandard import ZstdError
 
 from ground.record.decoder import is_frame
 from ground.record.folder import MAGIC, Tail, is_whole
-from ground.record.schemas import ALL_FRAMES, AS_IT_CAME, Schema
-from ground.record.sources import Record
+from ground.record.schemas import ALL_FRAMES, AS_IT_CAME, Record, Schema
 from zmav import keys
 from zmav.errors import BadInput
 from zmav.mavlink import Dialect, load_dialect

@@ -22,7 +22,8 @@ import zenoh
 
 import zmav
 from ground.record.cli import RECORDINGS
-from ground.record.sources import Record, Source, Tlogs, open_all, readable, vehicle_of
+from ground.record.schemas import Record
+from ground.record.sources import Source, Tlogs, open_all, readable, vehicle_of
 from zmav import keys, wire
 from zmav.cli.common import Between, dialect_option, fleet_option, run, zenoh_options
 from zmav.client import Client

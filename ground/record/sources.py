@@ -7,8 +7,9 @@ import importlib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
+from ground.record.schemas import Record
 from zmav import keys
 from zmav.errors import BadConfig, BadInput, BadKey, missing_extra
 from zmav.links.tlog import TlogReader
@@ -17,14 +18,6 @@ _RECORDED = re.compile(r"(?:[a-z0-9_-]+\.)?(?P<vehicle>[a-z0-9_-]+)\.\d{3,}\Z")
 """how the recorder calls a .tlog, but for its ending"""
 SESSION = re.compile(r"(?P<time>\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)(?:\.(?P<number>\d+))?")
 """and a session's folder, of several within a second all but the first with a number"""
-
-
-class Record(NamedTuple):
-    """``at``: ns UTC of its recording; ``key``: on which it came, empty for a vehicle's frames."""
-
-    at: int
-    key: str
-    data: bytes
 
 
 class Source(Protocol):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+import zmav
 from ground.gcs import mission_asked
 from tests.ground.gcs.fleet import Caller, Fleet
 from zmav import wire
@@ -82,6 +84,25 @@ def download(gcs: Caller, number: int, kind: int = MISSION) -> list[Item]:
     return items
 
 
+@contextlib.contextmanager
+def late_orders(fleet: Fleet) -> Iterator[tuple[Callable[[], object], list[int]]]:
+    """Orders are given only once that is called; and 1 for each that has begun, -1 for each that has ended."""
+    go, under_way = asyncio.Event(), list[int]()
+    order = zmav.Vehicle.order
+
+    async def late(self: Any, verb: str, *args: Any) -> Any:
+        under_way.append(1)
+        await go.wait()
+        try:
+            return await order(self, verb, *args)
+        finally:
+            under_way.append(-1)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zmav.Vehicle, "order", late)
+        yield lambda: fleet.loop.call_soon_threadsafe(go.set), under_way
+
+
 def core(items: list[Item]) -> list[Any]:
     """What an item is and where."""
     return [(item["command"], item["x"], item["y"], item["z"]) for item in items]
@@ -148,21 +169,8 @@ def test_an_upload_that_is_begun_again_is_the_one_that_counts(gcs: Caller) -> No
 
 def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end(fleet: Fleet, gcs: Caller) -> None:
     """Side by side, either could be the one in force."""
-    go, under_way = asyncio.Event(), list[int]()
-    vehicle = type(fleet.vehicle(PX4))
-    order = vehicle.order
-
-    async def late(self: Any, verb: str, *args: Any) -> Any:
-        under_way.append(1 + sum(under_way))
-        await go.wait()
-        try:
-            return await order(self, verb, *args)
-        finally:
-            under_way.append(-1)
-
     items = plan(PX4, 3, alt=35.0)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vehicle, "order", late)
+    with late_orders(fleet) as (go, under_way):
         gcs.to("MISSION_COUNT", PX4, count=1)
         gcs.wait(lambda: requests(gcs, PX4) == [0], "a request")
         gcs.to("MISSION_ITEM_INT", PX4, seq=0, **waypoint(0))
@@ -174,7 +182,7 @@ def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end
             gcs.to("MISSION_ITEM_INT", PX4, seq=seq, **items[seq])
         gcs.wait(lambda: requests(gcs, PX4)[-3:] == [2, 1, 2], "requests to pass the time")
         assert under_way == [1]
-        fleet.loop.call_soon_threadsafe(go.set)
+        go()
         gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
     assert under_way == [1, -1, 1, -1]
     assert core(download(gcs, PX4)) == core(items)
@@ -218,15 +226,7 @@ def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:
 
 def test_a_long_order_keeps_the_client_waiting_by_requests(fleet: Fleet, gcs: Caller) -> None:
     """Of items it has sent: the last two in turn."""
-    go = asyncio.Event()
-    vehicle, order = fleet.vehicle(PX4), type(fleet.vehicle(PX4)).order
-
-    async def late(self: Any, verb: str, *args: Any) -> Any:
-        await go.wait()
-        return await order(self, verb, *args)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(vehicle), "order", late)
+    with late_orders(fleet) as (go, _):
         gcs.to("MISSION_COUNT", PX4, count=3)
         for seq in range(3):
             gcs.wait(lambda: requests(gcs, PX4)[-1:] == [seq], f"a request for {seq}")  # noqa: B023
@@ -234,7 +234,7 @@ def test_a_long_order_keeps_the_client_waiting_by_requests(fleet: Fleet, gcs: Ca
         gcs.wait(lambda: len(requests(gcs, PX4)) >= 6, "requests to pass the time")
         assert requests(gcs, PX4)[:6] == [0, 1, 2, 1, 2, 1]
         assert gcs.fields("MISSION_ACK", PX4) == []
-        fleet.loop.call_soon_threadsafe(go.set)
+        go()
         gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
     assert gcs.fields("MISSION_ACK", PX4)[0]["type"] == ACCEPTED
 

@@ -17,7 +17,8 @@ from ground.record import mcapfile, sources
 from ground.record.folder import Folder
 from ground.record.mcapfile import Mcap
 from ground.record.replay import FedLink, Player
-from ground.record.sources import Record, Tlogs
+from ground.record.schemas import Record
+from ground.record.sources import Tlogs
 from ground.record.storage import RecordingSettings, Storage
 from tests.cli.conftest import Here
 from tests.ground.record.conftest import Frames
