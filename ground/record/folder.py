@@ -1,4 +1,6 @@
-"""The folder of recordings: one recorder at a time, a folder for each session in it, how much room is left."""
+"""The folder of recordings: one recorder at a time, a folder for each session in it, how much room is left; and what a
+recording is made of.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,21 @@ import os
 import shutil
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from zmav.errors import BadConfig
 
 LOCK = ".recording"
 MAGIC = b"\x89MCAP0\r\n"
 """the first and the last bytes of an .mcap"""
+
+
+class Record(NamedTuple):
+    """``at``: ns UTC of its recording; ``key``: on which it came, empty for a vehicle's frames."""
+
+    at: int
+    key: str
+    data: bytes
 
 
 class Folder:

@@ -24,8 +24,8 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from ground.record.decoder import is_frame
-from ground.record.folder import MAGIC, Tail, is_whole
-from ground.record.schemas import ALL_FRAMES, AS_IT_CAME, Record, Schema
+from ground.record.folder import MAGIC, Record, Tail, is_whole
+from ground.record.schemas import ALL_FRAMES, AS_IT_CAME, Schema
 from zmav import keys
 from zmav.errors import BadInput
 from zmav.mavlink import Dialect, load_dialect

@@ -22,7 +22,7 @@ import zenoh
 
 import zmav
 from ground.record.cli import RECORDINGS
-from ground.record.schemas import Record
+from ground.record.folder import Record
 from ground.record.sources import Source, Tlogs, open_all, readable, vehicle_of
 from zmav import keys, wire
 from zmav.cli.common import Between, dialect_option, fleet_option, run, zenoh_options

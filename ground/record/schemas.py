@@ -26,14 +26,6 @@ MOST_NAMED = 400
 """entries of an enumeration, and signals, that are named; no dialect's enumeration is longer"""
 
 
-class Record(NamedTuple):
-    """``at``: ns UTC of its recording; ``key``: on which it came, empty for a vehicle's frames."""
-
-    at: int
-    key: str
-    data: bytes
-
-
 class Schema(NamedTuple):
     """As it stands in a file; ``data`` is JSON, or a definition of ROS where ``encoding`` says so."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from ground.record.schemas import Record
+from ground.record.folder import Record
 from zmav import keys
 from zmav.errors import BadConfig, BadInput, BadKey, missing_extra
 from zmav.links.tlog import TlogReader

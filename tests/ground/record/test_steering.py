@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ground.record.schemas import Record
+from ground.record.folder import Record
 from ground.record.sources import Tlogs
 from ground.record.steering import LEAD_S, SteeredPlayer
 from tests.ground.record.conftest import Frames
