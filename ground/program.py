@@ -1,9 +1,13 @@
-"""What ``zmav rtk``, ``traffic`` and ``tak`` share: what others prove is heard, and how they do is said."""
+"""What ``zmav rtk``, ``traffic`` and ``tak`` share: what others prove is heard, servers are connected to again, and how
+they do is said.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
@@ -21,6 +25,7 @@ from zmav.trust.member import Place
 
 T = TypeVar("T")
 STATUS_S = 1.0
+AGAIN_S, LONGEST_AGAIN_S = 1.0, 30.0
 
 
 def hear_proven(
@@ -52,6 +57,40 @@ def hear_proven(
                 refuse()
 
     return Intake(z.session.declare_subscriber, key, take, most)
+
+
+class Connecting(ABC):
+    """A server, connected to again and again; ``told`` its words, a state and a text when these change."""
+
+    def __init__(self, words: str, told: Callable[[str], None]) -> None:
+        self._words, self._told = words, told
+        self.state, self.text = "connecting", ""
+
+    @abstractmethod
+    async def serve(self) -> str:
+        """Connect, say that it is up, and go on until it ends: why it did."""
+
+    @abstractmethod
+    def why(self, error: Exception) -> str:
+        """What :meth:`serve` raised, in words; or raise it, which ends :meth:`run`."""
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        pause = AGAIN_S
+        while True:
+            began = time.monotonic()
+            try:
+                why = await self.serve()
+            except Exception as e:
+                why = self.why(e)
+            pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
+            self.turn("lost", f"{why}; again in {pause:.0f} s")
+            await asyncio.sleep(pause)
+
+    def turn(self, state: str, text: str = "") -> None:
+        if (state, text) != (self.state, self.text):
+            self._told(f"{self._words}: {state}{': ' if text else ''}{text}")
+        self.state, self.text = state, text
 
 
 Status = Callable[[], tuple[str, str, dict[str, Any]]]

@@ -148,6 +148,8 @@ class Upload:
         """the client is of old: it knows neither MISSION_REQUEST_INT nor MISSION_ITEM_INT"""
         self.items: list[Raw] = []
         self.task: asyncio.Task[None] | None = None
+        self.replaced = False
+        """the client has begun another: it is asked for nothing more of this one"""
         self._came = asyncio.Event()
         self._latest = -1
         """the item that came last, be it for the first time or again"""
@@ -218,4 +220,5 @@ class Upload:
             await self._came.wait()
 
     def _request(self, seq: int) -> None:
-        self._say("MISSION_REQUEST" if self._as_float else "MISSION_REQUEST_INT", seq=seq)
+        if not self.replaced:
+            self._say("MISSION_REQUEST" if self._as_float else "MISSION_REQUEST_INT", seq=seq)

@@ -19,6 +19,7 @@ from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
 from ground.gcs.mission_asked import BY_NUMBER, Asked, ClientPlan, Silent, Upload, result_of
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
+from zmav import wire
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode
 from zmav.mavlink.results import MissionResult
@@ -34,6 +35,13 @@ ACK_AGAIN = 0.5
 """s after a MISSION_ACK from which on a repeated last item says that it was lost"""
 
 
+class Shown(NamedTuple):
+    """A plan as the autopilot has it, and the item being flown."""
+
+    raws: list[Raw]
+    current: int
+
+
 class Ended(NamedTuple):
     """How the last upload did, and when."""
 
@@ -45,9 +53,11 @@ class Ended(NamedTuple):
 class Missions(Answerer):
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
-        self._shown: dict[ClientPlan, tuple[list[Raw], int]] = {}
-        """what a client is downloading, and the item being flown"""
+        self._shown: dict[ClientPlan, Shown] = {}
+        """what a client is downloading, from the count until it has asked for the last item"""
         self._uploads: dict[ClientPlan, Upload] = {}
+        self._orders: dict[ClientPlan, asyncio.Future[None]] = {}
+        """done when the newest upload that a client sent whole has ended"""
         self._ended: dict[ClientPlan, Ended] = {}
         self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
@@ -113,32 +123,43 @@ class Missions(Answerer):
         if asked.line is None:
             asked.ack(MissionResult.UNSUPPORTED)
         else:
-            self._work(("list", asked.line), self._fetch(asked, asked.line, self._show_count))
+            self._work(("list", asked.line), self._show_count(asked, asked.line))
 
-    async def _fetch(self, asked: Asked, line: ClientPlan, show: Callable[[Asked, ClientPlan], None]) -> None:
-        """Keep the plan for the client to ask for, and ``show`` what it asked now."""
+    async def _fetch(self, asked: Asked, line: ClientPlan) -> Shown | None:
+        """The plan as it is now; None if there is none, and the client has been told."""
         try:
             mission = await asked.vehicle.missions.get(line.kind)
             raws, start = asked.raws(line.kind, mission), asked.items.offset(line.kind)
         except ZmavError as e:
             asked.refuse(e, f"{WORDS[line.kind]} not read")
-        else:
-            self._shown[line] = raws, -1 if mission.current is None else mission.current + start
-            show(asked, line)
+            return None
+        return Shown(raws, -1 if mission.current is None else mission.current + start)
 
-    def _show_count(self, asked: Asked, line: ClientPlan) -> None:
-        asked.say("MISSION_COUNT", count=len(self._shown[line][0]))
+    async def _show_count(self, asked: Asked, line: ClientPlan) -> None:
+        if (shown := await self._fetch(asked, line)) is None:
+            return
+        if shown.raws:
+            self._shown[line] = shown
+        asked.say("MISSION_COUNT", count=len(shown.raws))
 
     def _item(self, asked: Asked) -> None:
-        if asked.line is None:
+        line, seq = asked.line, asked.fields["seq"]
+        if line is None:
             asked.ack(MissionResult.UNSUPPORTED)
-        elif asked.line in self._shown:
-            self._show_item(asked, asked.line)
+        elif (shown := self._shown.get(line)) is None:
+            self._work(("item", line, seq), self._show_one(asked, line))
         else:
-            self._work(("item", asked.line), self._fetch(asked, asked.line, self._show_item))
+            if seq == len(shown.raws) - 1:  # its ACK may never come, and a later question is about a later plan
+                del self._shown[line]
+            self._show_item(asked, line, shown)
 
-    def _show_item(self, asked: Asked, line: ClientPlan) -> None:
-        (raws, current), seq = self._shown[line], asked.fields["seq"]
+    async def _show_one(self, asked: Asked, line: ClientPlan) -> None:
+        """Of a plan that is not being downloaded as a whole."""
+        if (shown := await self._fetch(asked, line)) is not None:
+            self._show_item(asked, line, shown)
+
+    def _show_item(self, asked: Asked, line: ClientPlan, shown: Shown) -> None:
+        (raws, current), seq = shown, asked.fields["seq"]
         if seq >= len(raws):
             asked.ack(MissionResult.INVALID_SEQUENCE)
             return
@@ -173,9 +194,12 @@ class Missions(Answerer):
         if before is not None and not before.items and before.count == count > 0:
             before.ask()  # it has not heard that we ask
             return
-        if before is not None and not before.complete and before.task is not None:
-            before.task.cancel()
+        if before is not None:
+            before.replaced = True
+            if not before.complete and before.task is not None:
+                before.task.cancel()
         self._ended.pop(line, None)
+        self._shown.pop(line, None)
         upload = self._uploads[line] = Upload(asked.say, count, asked.frame.version == 1)
         upload.task = self._work(("upload", line, id(upload)), self._run(asked, line, upload))
         if upload.task is None:
@@ -186,7 +210,7 @@ class Missions(Answerer):
         result: int = MissionResult.OPERATION_CANCELLED
         try:
             came = await upload.collect()
-            order = asked.vehicle.missions.upload(asked.decode(line.kind, came), line.kind)
+            order = self._replace(asked, line, asked.decode(line.kind, came))
             await (upload.keep_waiting(order) if came else order)
             result = MissionResult.ACCEPTED
         except Silent:
@@ -199,6 +223,19 @@ class Missions(Answerer):
                 del self._uploads[line]
                 self._ended[line] = Ended(upload.count - 1, result, time.monotonic())
                 asked.ack(result)
+
+    async def _replace(self, asked: Asked, line: ClientPlan, items: list[wire.MissionItem]) -> None:
+        """The order, once that of the client's upload before has ended: what it began last is to be in force."""
+        before, ended = self._orders.get(line), self._ground.loop.create_future()
+        self._orders[line] = ended
+        try:
+            if before is not None:
+                await asyncio.wait({before})
+            await asked.vehicle.missions.upload(items, line.kind)
+        finally:
+            ended.set_result(None)
+            if self._orders[line] is ended:
+                del self._orders[line]
 
     def _take(self, asked: Asked) -> None:
         line = asked.line
@@ -223,6 +260,7 @@ class Missions(Answerer):
 
     async def _clear_all(self, asked: Asked, number: int) -> None:
         for kind in KINDS if number == ALL else [BY_NUMBER[number]]:
+            self._shown.pop(ClientPlan(asked.handlers, asked.sysid, kind), None)
             try:
                 await asked.vehicle.missions.clear(kind)
             except ZmavError as e:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -125,7 +124,11 @@ def command(
     ground: Tiles | TileServer | None = Tiles(Path(tiles)) if tiles else None
     if tile_server:
         ground = TileServer(tile_server, tile_cache.expanduser(), tile_space)
-    sources = _sources(replay)
+    sources: list[Source] = []
+    if replay:
+        from ground.record.sources import open_all
+
+        sources = open_all(replay)
     fleet = keys.replay_of(keys.check_name(fleet, "fleet")) if sources else fleet
     base = OnboardSettings(link="", name="replay", fleet=fleet, dialect=dialect)
 
@@ -141,18 +144,6 @@ def command(
             await _serve(host, sock, rules, Gateway(z, rules.read_only, tiles=ground, picture=over, player=player))
 
     run(meet())
-
-
-def _sources(files: Sequence[Path]) -> list[Source]:
-    if not files:
-        return []
-    from ground.record.cli import check_mcap
-    from ground.record.sources import Tlogs, open_all
-
-    sources = open_all(files)
-    if any(not isinstance(source, Tlogs) for source in sources):
-        check_mcap()
-    return sources
 
 
 async def _serve(host: str, sock: socket.socket, rules: Rules, made: Gateway) -> None:

@@ -103,7 +103,7 @@ class Mavlink2Rest:
         gateway = self._gateway
         try:
             given = object_of(await request.body())
-            gateway.send(frame_of(given, gateway.dialect, SOURCE, gateway))
+            gateway.send(frame_of(given, gateway.dialect, SOURCE, gateway.next_seq))
         except BadInput as e:
             failure = failure_of(e)
             failure.status = 404

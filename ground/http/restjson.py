@@ -7,8 +7,8 @@ rust-mavlink's serde feature.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from zmav.errors import BadMessage
 from zmav.mavlink import Dialect, Frame, decode, encode
@@ -17,12 +17,6 @@ from zmav.mavlink.values import to_json
 
 MAVTYPE = "mavtype"
 HEADER = ("system_id", "component_id", "sequence")
-
-
-class Numbers(Protocol):
-    """Who counts frames: :class:`ground.http.gateway.Gateway`."""
-
-    def next_seq(self, sysid: int, compid: int) -> int: ...
 
 
 def document(frame: Frame, dialect: Dialect) -> dict[str, Any]:
@@ -54,7 +48,7 @@ def template(name: str, dialect: Dialect, source: tuple[int, int]) -> dict[str, 
     return {"header": dict(zip(HEADER, (*source, 0), strict=True)), "message": {"type": kind.name, **fields}}
 
 
-def frame_of(given: Any, dialect: Dialect, source: tuple[int, int], numbers: Numbers) -> bytes:
+def frame_of(given: Any, dialect: Dialect, source: tuple[int, int], next_seq: Callable[[int, int], int]) -> bytes:
     """The frame of a document as it is posted; raises :class:`BadMessage` naming every fault.
 
     Extension fields may be left out, and of the header what is to be ours. The sequence number is counted here: a
@@ -73,7 +67,7 @@ def frame_of(given: Any, dialect: Dialect, source: tuple[int, int], numbers: Num
             name = _field_name(key, kind)
             fields[name] = _plain(value, kind.by_name.get(name))
     try:
-        return encode(dialect, kind.name, fields, sysid=header[0], compid=header[1], seq=numbers.next_seq(*header))
+        return encode(dialect, kind.name, fields, sysid=header[0], compid=header[1], seq=next_seq(*header))
     except BadMessage as e:
         raise _named_as_given(kind, e) from e
 

@@ -147,7 +147,9 @@ class RestSockets:
         if gateway.read_only:
             return "Could not send: this gateway only reads."
         try:
-            frame = frame_of(object_of(text.encode("utf-8", "replace")), gateway.dialect, self._source, gateway)
+            frame = frame_of(
+                object_of(text.encode("utf-8", "replace")), gateway.dialect, self._source, gateway.next_seq
+            )
         except BadInput as e:
             return f"Could not convert input message. {e}".encode("utf-8", "replace").decode()
         try:

@@ -14,6 +14,7 @@ import click
 
 import zmav
 from ground.record.folder import Folder
+from ground.record.sources import check_mcap, open_all, readable
 from zmav import keys, wire
 from zmav.cli.common import amount, dialect_option, fleet_option, run, show_table, size, zenoh_options
 from zmav.errors import BadConfig, BadInput, missing_extra
@@ -94,7 +95,7 @@ def command(
 
     Meanwhile: zmav get '*/history/quad1/state' (--value '{"last": 10}').
     """
-    if mcap or repair or orders:
+    if mcap or repair:
         check_mcap()
     if orders:
         _show_orders(orders)
@@ -162,8 +163,6 @@ def _repair(path: Path) -> None:
 
 def _show_orders(paths: Sequence[Path]) -> None:
     """One line an order, the earliest first; who, from where, what, to whom, outcome."""
-    from ground.record.sources import open_all, readable
-
     rows, ending = list[tuple[str, ...]](), f"/@fleet/{keys.ORDERED}"
     for source, _ in readable(open_all(paths), say):
         for record in source.records():
@@ -177,14 +176,6 @@ def _show_orders(paths: Sequence[Path]) -> None:
                 rows.append((at, who, line.verb, ", ".join(line.vehicles), line.outcome + more, line.args))
     show_table(("at", "who", "order", "vehicles", "outcome", "arguments"), rows)
     say(f"{len(rows)} orders")
-
-
-def check_mcap() -> None:
-    """Raise :class:`BadConfig` where the package is missing."""
-    try:
-        importlib.import_module("mcap.writer")
-    except ImportError as e:
-        raise missing_extra("an .mcap (--no-mcap records without)", "mcap", "ground") from e
 
 
 def check_ros2(mcap: bool) -> None:

@@ -1,4 +1,6 @@
-"""The folder of recordings: one recorder at a time, a folder for each session in it, how much room is left."""
+"""The folder of recordings: one recorder at a time, a folder for each session in it, how much room is left; and what a
+recording is made of.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,21 @@ import os
 import shutil
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from zmav.errors import BadConfig
 
 LOCK = ".recording"
 MAGIC = b"\x89MCAP0\r\n"
 """the first and the last bytes of an .mcap"""
+
+
+class Record(NamedTuple):
+    """``at``: ns UTC of its recording; ``key``: on which it came, empty for a vehicle's frames."""
+
+    at: int
+    key: str
+    data: bytes
 
 
 class Folder:
@@ -148,3 +159,22 @@ class Tail:
 
     def close(self) -> None:
         os.close(self.fd)
+
+    def finish(self) -> None:
+        """Bring what waits to the disk, and close it; after an OSError, too."""
+        try:
+            self.flush()
+            os.fdatasync(self.fd)
+        finally:
+            self.close()
+
+    def abandon(self) -> bool:
+        """Close it as it is, readable to its last flush. False: it holds nothing, so it is gone."""
+        with contextlib.suppress(OSError):
+            self.flush()
+        with contextlib.suppress(OSError):  # a disk that is read-only by now
+            self.close()
+            if not self.size:
+                self.path.unlink(missing_ok=True)
+                return False
+        return True

@@ -1,4 +1,4 @@
-"""What was, from memory: of every key the last that came, and as much before it as there is room for; and answers to
+"""What was, from memory: of every key the last that came and those before it, as far as there is room; and answers to
 questions of it.
 """
 
@@ -23,7 +23,7 @@ from zmav.wire.history import MOST
 RING = 500
 """entries that are kept of one key"""
 ROOM = 128 << 20
-"""bytes of payload; when they are full, each key keeps fewer"""
+"""bytes of payload; when they are full, each key keeps fewer, and none where others' last fill them"""
 MOST_KEYS = 20_000
 COST = 150
 """bytes that an entry takes besides its payload, about"""
@@ -76,7 +76,7 @@ class History:
         entries = ring.entries
         entries.append(held)
         self._size += len(held.data) + COST
-        while len(entries) > 1 and (len(entries) > RING or self._size > ROOM):
+        while entries and (len(entries) > RING or self._size > ROOM):
             gone = entries.popleft()
             self._size -= len(gone.data) + COST
             ring.cut["at"] = gone.at + 1

@@ -23,15 +23,14 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
-from ground.record.folder import MAGIC, Tail, is_whole
-from ground.record.schemas import Schema
+from ground.record.decoder import is_frame
+from ground.record.folder import MAGIC, Record, Tail, is_whole
+from ground.record.schemas import ALL_FRAMES, AS_IT_CAME, Schema
+from zmav import keys
 from zmav.errors import BadInput
+from zmav.mavlink import Dialect, load_dialect
+from zmav.mavlink.frame import MAGIC_V2
 
-JSON, BYTES, FRAMES, CDR = "json", "application/octet-stream", "mavlink", "cdr"
-"""message encodings: ``mavlink`` is one frame, byte for byte; ``cdr`` a message of ROS 2"""
-AS_IT_CAME, ALL_FRAMES, DECODED, DERIVED = "as it came", "frames", "decoded", "derived"
-"""what a topic holds: the payloads of the key that it is called by; every frame of a vehicle; the frames of one key,
-decoded; or what was made of other topics for a reader's sake. Only the first two are played again."""
 HOLDS = "holds"
 """the metadatum of a topic that says so"""
 KEY = "key"
@@ -66,8 +65,7 @@ class McapFile:
         self._topics: dict[str, int] = {}
         self._begin = self._tail.size
 
-    @property
-    def size(self) -> int:
+    def tell(self) -> int:
         return self._tail.tell()
 
     @property
@@ -190,6 +188,49 @@ def topics(path: Path) -> list[str]:
             if isinstance(record, Channel):
                 found[record.topic] = None
     return list(found)
+
+
+class Mcap:
+    """An .mcap of the recorder's; one that was cut short is played as far as it goes."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.label = path, str(path)
+        self._keys: dict[tuple[str, bytes], str] = {}
+        self._dialect: Dialect | None = None
+
+    def vehicles(self) -> list[str]:
+        try:
+            names = topics(self._path)
+        except OSError as e:
+            raise BadInput(f"cannot play {self._path}: {e}", field="file", expected="an .mcap of the recorder's") from e
+        found = {topic.split("/")[2] for topic in names if topic.startswith(f"{keys.ROOT}/") and topic.count("/") > 2}
+        return sorted(name for name in found if keys.NAME.match(name))
+
+    def first(self) -> int | None:
+        return next((record.at for record in self.records()), None)
+
+    def last(self) -> int | None:
+        return last(self._path) or max((record.at for record in self.records()), default=None)
+
+    def records(self, since: int = 0) -> Iterator[Record]:
+        for found in read_forth(self._path, since):
+            if found.holds == AS_IT_CAME:
+                yield Record(found.at, found.key, found.data)
+            elif found.holds == ALL_FRAMES and is_frame(found.data):
+                yield Record(found.at, self._key_of(found.key, found.data), found.data)
+
+    def _key_of(self, topic: str, frame: bytes) -> str:
+        """A vehicle's frames lie together: each came on the key that its header tells."""
+        v2 = frame[0] == MAGIC_V2
+        head = frame[5:10] if v2 else frame[3:6]
+        found = self._keys.get((topic, head))
+        if found is None:
+            if self._dialect is None:
+                self._dialect = load_dialect(about(self._path).get("dialect", "ardupilotmega"))
+            msgid = int.from_bytes(head[2:], "little")
+            found = f"{topic}/{head[0]}/{head[1]}/{self._dialect.name_of(msgid)}"
+            self._keys[topic, head] = found
+        return found
 
 
 class Repaired(NamedTuple):

@@ -123,27 +123,27 @@ class Part:
         self._topics: dict[str, tuple[int | None, int | None]] = {}
 
     @property
+    def files(self) -> list[Tail | McapFile]:
+        return [*self.tlogs.values(), *([self.mcap] if self.mcap else [])]
+
+    @property
     def size(self) -> int:
         """Bytes of the largest file."""
-        return max((self.mcap.size if self.mcap else 0, *(tail.tell() for tail in self.tlogs.values())), default=0)
+        return max((each.tell() for each in self.files), default=0)
 
     @property
     def total(self) -> int:
         """Bytes of all files together."""
-        return (self.mcap.size if self.mcap else 0) + sum(tail.tell() for tail in self.tlogs.values())
-
-    @property
-    def files(self) -> list[Path]:
-        return [*([self.mcap.path] if self.mcap else []), *(tail.path for tail in self.tlogs.values())]
+        return sum(each.tell() for each in self.files)
 
     @property
     def gone(self) -> bool:
         """Whether somebody took one of the files away."""
-        return bool(self.mcap and self.mcap.gone) or any(tail.gone for tail in self.tlogs.values())
+        return any(each.gone for each in self.files)
 
     def descriptors(self) -> list[int]:
         """Of its files, each a new one, to be closed by who asked: they outlive the part."""
-        return [os.dup(fd) for fd in (*([self.mcap.fd] if self.mcap else []), *(t.fd for t in self.tlogs.values()))]
+        return [os.dup(each.fd) for each in self.files]
 
     def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:
         """``at``: ns UTC."""
@@ -168,13 +168,11 @@ class Part:
         return tail
 
     def _frame_topics(self, route: Route) -> tuple[int | None, int | None]:
-        from ground.record import mcapfile
-
         assert self.mcap is not None
-        raw, plain = self.mcap.topic(route.all_frames, mcapfile.FRAMES, mcapfile.ALL_FRAMES), None
+        raw, plain = self.mcap.topic(route.all_frames, schemas.FRAMES, schemas.ALL_FRAMES), None
         if route.message is not None:
             schema = schemas.of_message(route.message, self._dialect)
-            plain = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.DECODED, schema)
+            plain = self.mcap.topic(route.key, schemas.JSON, schemas.DECODED, schema)
         self._topics[route.key] = raw, plain
         return raw, plain
 
@@ -182,11 +180,9 @@ class Part:
         """JSON, or whatever else came on a key."""
         if self.mcap is None:
             return
-        from ground.record import mcapfile
-
         t = stamp(data)
         if t is None:
-            topic = self.mcap.topic(f"{route.key}/bytes", mcapfile.BYTES, mcapfile.AS_IT_CAME, key=route.key)
+            topic = self.mcap.topic(f"{route.key}/bytes", schemas.BYTES, schemas.AS_IT_CAME, key=route.key)
         else:
             topic, _ = self._topics.get(route.key) or self._document_topic(route, data)
         if topic is None:
@@ -194,15 +190,13 @@ class Part:
         self.mcap.add(topic, at, data, int(t * 1e9) if t and 0.0 < t < FAR else at)
         if (place := route.location(data)) is not None:
             name = f"{route.base}/location"
-            extra = self.mcap.topic(name, mcapfile.JSON, mcapfile.DERIVED, schemas.LOCATION)
+            extra = self.mcap.topic(name, schemas.JSON, schemas.DERIVED, schemas.LOCATION)
             if extra is not None:
                 self.mcap.add(extra, at, place, at)
 
     def _document_topic(self, route: Route, first: bytes) -> tuple[int | None, None]:
-        from ground.record import mcapfile
-
         assert self.mcap is not None
-        topic = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.AS_IT_CAME, route.schema(first))
+        topic = self.mcap.topic(route.key, schemas.JSON, schemas.AS_IT_CAME, route.schema(first))
         self._topics[route.key] = topic, None
         return topic, None
 
@@ -210,35 +204,23 @@ class Part:
         """Messages of ROS 2 that were made of what came then (ns UTC)."""
         if self.mcap is None:
             return
-        from ground.record import mcapfile
-
         for said in made:
             schema = Schema(said.type, said.definition.encode(), "ros2msg")
-            topic = self.mcap.topic(said.topic, mcapfile.CDR, mcapfile.DERIVED, schema)
+            topic = self.mcap.topic(said.topic, schemas.CDR, schemas.DERIVED, schema)
             if topic is not None:
                 self.mcap.add(topic, at, said.data, at)
 
     def flush(self) -> None:
         """Bring all of it to the disk's files. OSError where one of them took nothing."""
-        for tail in self.tlogs.values():
-            tail.flush()
-        if self.mcap:
-            self.mcap.flush()
+        for each in self.files:
+            each.flush()
 
     def finish(self) -> None:
         """Complete and close every file, on the disk; the first OSError, once all are closed."""
         failed: OSError | None = None
-        for tail in self.tlogs.values():
+        for each in self.files:
             try:
-                tail.flush()
-                os.fdatasync(tail.fd)
-            except OSError as e:
-                failed = failed or e
-            finally:
-                tail.close()
-        if self.mcap:
-            try:
-                self.mcap.finish()
+                each.finish()
             except OSError as e:
                 failed = failed or e
         if failed:
@@ -248,13 +230,6 @@ class Part:
         """Close them as they are, each readable to its last flush; those that hold nothing are taken away, where the
         disk lets them be.
         """
-        for place, tail in list(self.tlogs.items()):
-            with contextlib.suppress(OSError):
-                tail.flush()
-            with contextlib.suppress(OSError):
-                tail.close()
-                if not tail.size:
-                    tail.path.unlink(missing_ok=True)
-                    del self.tlogs[place]
+        self.tlogs = {place: tail for place, tail in self.tlogs.items() if tail.abandon()}
         if self.mcap and not self.mcap.abandon():
             self.mcap = None

@@ -21,8 +21,9 @@ import msgspec
 import zenoh
 
 import zmav
-from ground.record.cli import RECORDINGS, check_mcap
-from ground.record.sources import Record, Source, Tlogs, open_all, readable, vehicle_of
+from ground.record.cli import RECORDINGS
+from ground.record.folder import Record
+from ground.record.sources import Source, Tlogs, open_all, readable, vehicle_of
 from zmav import keys, wire
 from zmav.cli.common import Between, dialect_option, fleet_option, run, zenoh_options
 from zmav.client import Client
@@ -197,8 +198,6 @@ def command(
     """
     fleet = keys.replay_of(keys.check_name(fleet, "fleet"))
     sources = open_all(files or (RECORDINGS,))
-    if any(not isinstance(source, Tlogs) for source in sources):
-        check_mcap()
     settings = msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))
     base = OnboardSettings(link="", name="replay", fleet=fleet, sysid=sysid, dialect=dialect)
     run(_replay(sources, name, _speed(speed), loop, start, base, settings))

@@ -17,6 +17,11 @@ from zmav.mavlink import Dialect
 from zmav.mavlink.dialect import Field, MessageType
 
 Table = dict[str, Any]
+JSON, BYTES, FRAMES, CDR = "json", "application/octet-stream", "mavlink", "cdr"
+"""message encodings: ``mavlink`` is one frame, byte for byte; ``cdr`` a message of ROS 2"""
+AS_IT_CAME, ALL_FRAMES, DECODED, DERIVED = "as it came", "frames", "decoded", "derived"
+"""what a topic holds: the payloads of the key that it is called by; every frame of a vehicle; the frames of one key,
+decoded; or what was made of other topics for a reader's sake. Only the first two are played again."""
 MOST_NAMED = 400
 """entries of an enumeration, and signals, that are named; no dialect's enumeration is longer"""
 

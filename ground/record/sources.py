@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-from ground.record.decoder import is_frame
+from ground.record.folder import Record
 from zmav import keys
-from zmav.errors import BadConfig, BadInput, BadKey
+from zmav.errors import BadConfig, BadInput, BadKey, missing_extra
 from zmav.links.tlog import TlogReader
-from zmav.mavlink import Dialect, load_dialect
-from zmav.mavlink.frame import MAGIC_V2
 
 _RECORDED = re.compile(r"(?:[a-z0-9_-]+\.)?(?P<vehicle>[a-z0-9_-]+)\.\d{3,}\Z")
 """how the recorder calls a .tlog, but for its ending"""
 SESSION = re.compile(r"(?P<time>\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)(?:\.(?P<number>\d+))?")
 """and a session's folder, of several within a second all but the first with a number"""
-
-
-class Record(NamedTuple):
-    """``at``: ns UTC of its recording; ``key``: on which it came, empty for a vehicle's frames."""
-
-    at: int
-    key: str
-    data: bytes
 
 
 class Source(Protocol):
@@ -79,64 +70,18 @@ class Tlogs:
                         yield Record(micros * 1000, "", frame)
 
 
-class Mcap:
-    """An .mcap of the recorder's; one that was cut short is played as far as it goes."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self.label = path, str(path)
-        self._keys: dict[tuple[str, bytes], str] = {}
-        self._dialect: Dialect | None = None
-
-    def vehicles(self) -> list[str]:
-        from ground.record import mcapfile
-
-        try:
-            topics = mcapfile.topics(self._path)
-        except OSError as e:
-            raise BadInput(f"cannot play {self._path}: {e}", field="file", expected="an .mcap of the recorder's") from e
-        found = {topic.split("/")[2] for topic in topics if topic.startswith(f"{keys.ROOT}/") and topic.count("/") > 2}
-        return sorted(name for name in found if keys.NAME.match(name))
-
-    def first(self) -> int | None:
-        return next((record.at for record in self.records()), None)
-
-    def last(self) -> int | None:
-        from ground.record import mcapfile
-
-        return mcapfile.last(self._path) or max((record.at for record in self.records()), default=None)
-
-    def records(self, since: int = 0) -> Iterator[Record]:
-        from ground.record import mcapfile
-
-        for found in mcapfile.read_forth(self._path, since):
-            if found.holds == mcapfile.AS_IT_CAME:
-                yield Record(found.at, found.key, found.data)
-            elif found.holds == mcapfile.ALL_FRAMES and is_frame(found.data):
-                yield Record(found.at, self._key_of(found.key, found.data), found.data)
-
-    def _key_of(self, topic: str, frame: bytes) -> str:
-        """A vehicle's frames lie together: each came on the key that its header tells."""
-        v2 = frame[0] == MAGIC_V2
-        head = frame[5:10] if v2 else frame[3:6]
-        found = self._keys.get((topic, head))
-        if found is None:
-            if self._dialect is None:
-                self._dialect = load_dialect(self._dialect_name())
-            msgid = int.from_bytes(head[2:], "little")
-            found = f"{topic}/{head[0]}/{head[1]}/{self._dialect.name_of(msgid)}"
-            self._keys[topic, head] = found
-        return found
-
-    def _dialect_name(self) -> str:
-        from ground.record import mcapfile
-
-        return mcapfile.about(self._path).get("dialect", "ardupilotmega")
+def check_mcap() -> None:
+    """Raise :class:`BadConfig` where the package is missing."""
+    try:
+        importlib.import_module("mcap.writer")
+    except ImportError as e:
+        raise missing_extra("an .mcap (--no-mcap records without)", "mcap", "ground") from e
 
 
 def open_all(paths: Sequence[Path]) -> list[Source]:
     """The recordings in these files and folders: of a folder its newest session, else its own; of either the .mcap, if
-    there is one, else the .tlog files. Raises :class:`BadConfig` for what is
-    none of these.
+    there is one, else the .tlog files. Raises :class:`BadConfig` for what is none of these, and for an .mcap where its
+    package is missing.
     """
     tlogs: dict[str, list[Path]] = {}
     sources: list[Source] = []
@@ -144,6 +89,9 @@ def open_all(paths: Sequence[Path]) -> list[Source]:
     several = sum(file.suffix != ".mcap" for file in files) > 1
     for file in files:
         if file.suffix == ".mcap":
+            check_mcap()
+            from ground.record.mcapfile import Mcap
+
             sources.append(Mcap(file))
         else:
             tlogs.setdefault(_vehicle(file, several), []).append(file)

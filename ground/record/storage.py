@@ -302,9 +302,9 @@ class Storage:
         part, self.part = self.part, None
         if part is not None:
             part.abandon()
-            for path in part.files:
+            for each in part.files:
                 with contextlib.suppress(OSError):  # it is not there yet, or somebody takes it away just now
-                    self._finished_bytes += path.stat().st_size
+                    self._finished_bytes += each.path.stat().st_size
         self._lose_pending()
         self._retry = time.monotonic() + self._settings.retry
         self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

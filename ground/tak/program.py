@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 
 import zmav
-from ground.program import hear_proven, say_status
+from ground.program import Connecting, hear_proven, say_status
 from ground.tak.cot import Cot, places_of
 from zmav import keys, wire
 from zmav.doctor.rules import of_state
@@ -37,7 +37,6 @@ MISSED = 2.5
 SLOW_S = 10.0
 """s between two times that ways and alarms are sent again where nothing has changed"""
 CONNECT_S, SEND_S = 10.0, 5.0
-AGAIN_S, LONGEST_AGAIN_S = 1.0, 30.0
 UNSAID = 30.0
 """s after which a plan that its planner does not say again is not flown any more: it was stopped, or planned again"""
 MOST_PLANS, MOST_TRACKS, LARGEST = 32, 200, 1_000_000
@@ -55,17 +54,17 @@ class TakSettings(msgspec.Struct, frozen=True, kw_only=True):
     """pytak's own settings"""
 
 
-class Tak:
+class Tak(Connecting):
     """``async with Tak(z, settings, say): ...``; on the event loop."""
 
     def __init__(self, z: zmav.Client, settings: TakSettings, say: Callable[[str], None]) -> None:
-        self._z, self.settings, self._say = z, settings, say
+        super().__init__(settings.url, say)
+        self._z, self.settings = z, settings
         self._cots: dict[str, Cot] = {}
         self._plans: dict[tuple[str, str], tuple[wire.swarm.PlanReport, float]] = {}
         """by fleet and goal, and when it was said last"""
         self._sent_at: dict[str, float] = {}
         self._alarms: dict[tuple[str, str], str] = {}
-        self.state, self.text = "connecting", ""
         self.sent = self.events = self.ignored = 0
         """connections made, events sent, bytes that came and were not looked at"""
 
@@ -79,7 +78,7 @@ class Tak:
             hear(keys.match(where)[1]["fleet"], plan)  # a key expression that names no fleet is refused here
 
         self._intake = hear_proven(self._z, key, read, take, largest=LARGEST, most=MOST_PLANS)
-        work = (self._run(), say_status(self._z, AGENT, self.settings.name, self.status))
+        work = (self.run(), say_status(self._z, AGENT, self.settings.name, self.status))
         self._tasks = [asyncio.create_task(each) for each in work]
         return self
 
@@ -96,36 +95,22 @@ class Tak:
 
     # Out.
 
-    async def _run(self) -> None:
-        pause = AGAIN_S
-        while True:
-            began = time.monotonic()
-            try:
-                await self._serve()
-                why = "the server closed the connection"
-            except asyncio.TimeoutError:
-                why = "no answer" if self.state != "up" else "it takes nothing any more"
-            except SyntaxError as e:  # as which pytak says it, in many lines
-                unproven = "VERIFY" in str(e)
-                why = "its certificate is not believed: give --ca" if unproven else str(e).partition("\n")[0]
-            except Exception as e:  # whatever pytak raises, the fleet is to be seen again
-                why = (e.strerror if isinstance(e, OSError) else None) or str(e)
-            pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
-            self._turn("lost", f"{why}; again in {pause:.0f} s")
-            await asyncio.sleep(pause)
+    def why(self, error: Exception) -> str:
+        """Whatever pytak raises, the fleet is to be seen again."""
+        if isinstance(error, asyncio.TimeoutError):
+            return "no answer" if self.state != "up" else "it takes nothing any more"
+        if isinstance(error, SyntaxError):  # as which pytak says it, in many lines
+            unproven = "VERIFY" in str(error)
+            return "its certificate is not believed: give --ca" if unproven else str(error).partition("\n")[0]
+        return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
-    def _turn(self, state: str, text: str) -> None:
-        if (state, text) != (self.state, self.text):
-            self._say(f"{self.settings.url}: {state}{': ' if text else ''}{text}")
-        self.state, self.text = state, text
-
-    async def _serve(self) -> None:
+    async def serve(self) -> str:
         config = ConfigParser(interpolation=None)
         config["tak"] = {"COT_URL": self.settings.url, **self.settings.tls}
         reader, writer = await within(CONNECT_S, pytak.protocol_factory(config["tak"]))
         self.sent += 1
         self._sent_at.clear()
-        self._turn("up", "")
+        self.turn("up")
         streams = isinstance(writer, asyncio.StreamWriter)
         reading = asyncio.ensure_future(self._ignore(reader)) if streams else None
         try:
@@ -145,6 +130,7 @@ class Tak:
             writer.close()
             if not streams and reader is not None:
                 reader.close()
+        return "the server closed the connection"
 
     async def _ignore(self, reader: asyncio.StreamReader) -> None:
         with contextlib.suppress(OSError):

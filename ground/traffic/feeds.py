@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from ground.program import Connecting
 from zmav.errors import BadUrl
 from zmav.traffic import Sighting, Tracks
 from zmav.waiting import within
@@ -25,7 +26,6 @@ PIECE, MOST_RATE = 16_384, 400_000.0
 """bytes that are read at once, and B/s of a feed: some 4,000 messages, more than one antenna hears"""
 CONNECT_S, SILENCE_S = 5.0, 60.0
 """s to connect, and s of nothing at all after which a feed is connected to again: some routers forget it silently"""
-AGAIN_S, LONGEST_AGAIN_S = 1.0, 30.0
 FORGET_S = 60.0
 """s of an aircraft's silence after which the decoder forgets it"""
 
@@ -163,43 +163,27 @@ class BeastReader:
         tracks.hear(sighting, now)
 
 
-class FeedSource:
-    """One feed, connected to again and again; ``told`` a state and words about it when these change."""
-
+class FeedSource(Connecting):
     def __init__(
         self, feed: Feed, tracks: Tracks, told: Callable[[str], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.feed, self._tracks, self._told, self._clock = feed, tracks, told, clock
-        self.state, self.text = "connecting", ""
+        super().__init__(feed.words, told)
+        self.feed, self._tracks, self._clock = feed, tracks, clock
         self.heard = 0.0
         """monotonic s of the last bytes; 0: none yet"""
         self.skipped = 0
 
-    async def run(self) -> None:
-        """Until cancelled."""
-        pause = AGAIN_S
-        while True:
-            began = time.monotonic()
-            try:
-                await self._read()
-                why = "it closed the connection"
-            except asyncio.TimeoutError:
-                why = f"nothing came for {SILENCE_S:.0f} s" if self.state == "up" else "no answer"
-            except (OSError, UnicodeError) as e:
-                why = getattr(e, "strerror", None) or str(e)
-            pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
-            self._say("lost", f"{why}; again in {pause:.0f} s")
-            await asyncio.sleep(pause)
+    def why(self, error: Exception) -> str:
+        if isinstance(error, asyncio.TimeoutError):
+            return f"nothing came for {SILENCE_S:.0f} s" if self.state == "up" else "no answer"
+        if isinstance(error, (OSError, UnicodeError)):
+            return getattr(error, "strerror", None) or str(error)
+        raise error
 
-    def _say(self, state: str, text: str) -> None:
-        if (state, text) != (self.state, self.text):
-            self._told(f"{self.feed.words}: {state}{': ' if text else ''}{text}")
-        self.state, self.text = state, text
-
-    async def _read(self) -> None:
+    async def serve(self) -> str:
         connecting = asyncio.open_connection(self.feed.host, self.feed.port, limit=PIECE)
         reader, writer = await within(CONNECT_S, connecting)
-        self._say("up", "")
+        self.turn("up")
         readers = SbsReader() if self.feed.kind == "sbs" else BeastReader()
         before = self.skipped
         try:
@@ -210,3 +194,4 @@ class FeedSource:
                 await asyncio.sleep(len(data) / MOST_RATE)
         finally:
             writer.close()
+        return "it closed the connection"

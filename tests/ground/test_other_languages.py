@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -16,7 +18,9 @@ from typing import NamedTuple
 
 import pytest
 
+import zmav
 from mesh.credentials.ca import Authority
+from tests.waiting import wait_until
 from zmav.process import free_port
 from zmav.sim import Remote
 from zmav.trust.certificate import Role
@@ -44,7 +48,8 @@ class Field:
     """A simulated copter, and what else is started beside it, as processes."""
 
     def __init__(self, folder: Path) -> None:
-        self.router = f"tcp/127.0.0.1:{free_port()}"
+        self.port = free_port()
+        self.router = f"tcp/127.0.0.1:{self.port}"
         self._control = folder / "sim.sock"
         self._processes: list[subprocess.Popen[bytes]] = []
 
@@ -54,10 +59,6 @@ class Field:
 
     def start_sim(self, *more: str, **environment: str) -> None:
         self.start("sim", "--control", str(self._control), *more, **environment)
-
-    def until_ready(self, *more: str) -> None:
-        """Until the vehicle is heard and ready to fly, by 'zmav ls' with these options."""
-        self.until('"ready": true', [sys.executable, "-m", "zmav", "ls", "--json", "--wait", "2", *more])
 
     def until(self, words: str, look: list[str]) -> None:
         deadline = time.monotonic() + PATIENCE_S
@@ -100,12 +101,22 @@ class Open(Field):
         super().__init__(folder)
         self.gateway = f"http://127.0.0.1:{free_port()}"
         self.start_sim("--up", "--endpoint", "tcp:0", "--speed", SPEED, ZMAV_CONNECT=self.router)
-        self.until_ready("-e", self.router)
-        # However late an order to take off comes; cm/s.
-        quick = ("param", "set", "quad1", "DISARM_DELAY=0", "LAND_SPEED=150", "-e", self.router)
-        subprocess.run([sys.executable, "-m", "zmav", *quick], stdout=subprocess.DEVNULL, check=True)
+        wait_until(self._listens, "no router", PATIENCE_S)
+        asyncio.run(self._prepare())
         self.start("http", "--port", self.gateway.rpartition(":")[2], ZMAV_CONNECT=self.router)
         self.until("quad1 ", ["curl", "--silent", f"{self.gateway}/vehicles"])
+
+    def _listens(self) -> bool:
+        with socket.socket() as sock:
+            return sock.connect_ex(("127.0.0.1", self.port)) == 0
+
+    async def _prepare(self) -> None:
+        """Until the vehicle is ready to fly, however late an order to take off comes, and to land quickly."""
+        async with zmav.open(connect=[self.router]) as z:
+            (quad,) = await z.wait_for("quad1", timeout=PATIENCE_S)
+            await quad.wait_until(lambda s: bool(s.ready), PATIENCE_S)
+            await quad.params.set("DISARM_DELAY", 0)
+            await quad.params.set("LAND_SPEED", 150)  # cm/s
 
 
 class Closed(Field):
@@ -123,7 +134,8 @@ class Closed(Field):
         origin = ("--origin", "-35.363261", "149.165230", "584.09")
         fleet = ("--fleet", "alpha", "--credentials", str(quad1))
         self.start("up", "--link", link, "--name", "quad1", *origin, *fleet, "-l", self.tls)
-        self.until_ready("--fleet", "alpha", "-e", self.tls, "--credentials", str(self.alice))
+        where = ("--fleet", "alpha", "-e", self.tls, "--credentials", str(self.alice))
+        self.until('"ready": true', [sys.executable, "-m", "zmav", "ls", "--json", "--wait", "2", *where])
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ from pathlib import Path
 from agents.camera.settings import Calibration
 from agents.planner.model.plans import read_plan
 from agents.planner.model.scene import read_scene
-from ground.record import mcapfile
+from ground.record import mcapfile, schemas
 from ground.record.folder import is_whole
-from ground.record.mcapfile import repair
-from ground.record.sources import Mcap, Tlogs
+from ground.record.mcapfile import Mcap, repair
+from ground.record.sources import Tlogs
 from mesh.credentials.ledger import LEDGER, read_ledger
 from mesh.lab.scenario import load_scenario
 from tests.conftest import ROOT
@@ -100,8 +100,8 @@ def mcaps() -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.mcap"
         file = mcapfile.McapFile(path, {"dialect": "ardupilotmega"})
-        all_frames = file.topic("zmav/demo/quad1/mav/rx", mcapfile.FRAMES, mcapfile.ALL_FRAMES)
-        state = file.topic("zmav/demo/quad1/state", mcapfile.JSON, mcapfile.AS_IT_CAME)
+        all_frames = file.topic("zmav/demo/quad1/mav/rx", schemas.FRAMES, schemas.ALL_FRAMES)
+        state = file.topic("zmav/demo/quad1/state", schemas.JSON, schemas.AS_IT_CAME)
         assert all_frames is not None and state is not None
         for number, frame in enumerate([*frames()[:3], b"", b"\xfd"]):
             file.add(all_frames, 1_700_000_000_000_000_000 + number, frame, 1)

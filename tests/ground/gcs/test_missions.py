@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+import zmav
 from ground.gcs import mission_asked
 from tests.ground.gcs.fleet import Caller, Fleet
 from zmav import wire
@@ -27,7 +29,7 @@ Item = dict[str, Any]
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
     specs = [VehicleSpec(), VehicleSpec(autopilot="px4")]
-    with Fleet(specs, speed=2.0, udpin="read_only=1") as fleet:
+    with Fleet(specs, speed=1.0, udpin="read_only=1") as fleet:
         yield fleet
 
 
@@ -80,6 +82,25 @@ def download(gcs: Caller, number: int, kind: int = MISSION) -> list[Item]:
     gcs.to("MISSION_ACK", number, type=ACCEPTED, mission_type=kind)
     assert [(item["seq"], item["mission_type"]) for item in items] == [(i, kind) for i in range(len(items))]
     return items
+
+
+@contextlib.contextmanager
+def late_orders(fleet: Fleet) -> Iterator[tuple[Callable[[], object], list[int]]]:
+    """Orders are given only once that is called; and 1 for each that has begun, -1 for each that has ended."""
+    go, under_way = asyncio.Event(), list[int]()
+    order = zmav.Vehicle.order
+
+    async def late(self: Any, verb: str, *args: Any) -> Any:
+        under_way.append(1)
+        await go.wait()
+        try:
+            return await order(self, verb, *args)
+        finally:
+            under_way.append(-1)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zmav.Vehicle, "order", late)
+        yield lambda: fleet.loop.call_soon_threadsafe(go.set), under_way
 
 
 def core(items: list[Item]) -> list[Any]:
@@ -146,6 +167,49 @@ def test_an_upload_that_is_begun_again_is_the_one_that_counts(gcs: Caller) -> No
     assert len(gcs.fields("MISSION_ACK", PX4)) == 1
 
 
+def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end(fleet: Fleet, gcs: Caller) -> None:
+    """Side by side, either could be the one in force."""
+    items = plan(PX4, 3, alt=35.0)
+    with late_orders(fleet) as (go, under_way):
+        gcs.to("MISSION_COUNT", PX4, count=1)
+        gcs.wait(lambda: requests(gcs, PX4) == [0], "a request")
+        gcs.to("MISSION_ITEM_INT", PX4, seq=0, **waypoint(0))
+        gcs.wait(lambda: under_way != [], "an order")
+        asked = len(requests(gcs, PX4))
+        gcs.to("MISSION_COUNT", PX4, count=3)
+        for seq in range(3):
+            gcs.wait(lambda: requests(gcs, PX4)[asked:][-1:] == [seq], f"a request for {seq}")  # noqa: B023
+            gcs.to("MISSION_ITEM_INT", PX4, seq=seq, **items[seq])
+        gcs.wait(lambda: requests(gcs, PX4)[-3:] == [2, 1, 2], "requests to pass the time")
+        assert under_way == [1]
+        go()
+        gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
+    assert under_way == [1, -1, 1, -1]
+    assert core(download(gcs, PX4)) == core(items)
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
+
+
+def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, gcs: Caller) -> None:
+    """A station's ACK at the end of a download may be lost, or never sent."""
+
+    def item(seq: int) -> float:
+        return float(gcs.answer("MISSION_REQUEST_INT", "MISSION_ITEM_INT", PX4, seq=seq)["z"])
+
+    async def change(alt: float) -> None:
+        missions = fleet.vehicle(PX4).missions
+        items = (await missions.get()).items
+        for each in items:
+            each.z = alt
+        await missions.upload(items)
+
+    assert upload(gcs, PX4, plan(PX4, 2, alt=21.0))["type"] == ACCEPTED
+    assert gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", PX4)["count"] == 2
+    assert [item(0), item(1)] == [21.0, 21.0]
+    for alt in (22.0, 23.0):
+        fleet.run(change(alt))
+        assert [item(0), item(1)] == [alt, alt]
+
+
 def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:
     upload(gcs, PX4, plan(PX4, 2))
     gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", PX4)
@@ -162,15 +226,7 @@ def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:
 
 def test_a_long_order_keeps_the_client_waiting_by_requests(fleet: Fleet, gcs: Caller) -> None:
     """Of items it has sent: the last two in turn."""
-    go = asyncio.Event()
-    vehicle, order = fleet.vehicle(PX4), type(fleet.vehicle(PX4)).order
-
-    async def late(self: Any, verb: str, *args: Any) -> Any:
-        await go.wait()
-        return await order(self, verb, *args)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(vehicle), "order", late)
+    with late_orders(fleet) as (go, _):
         gcs.to("MISSION_COUNT", PX4, count=3)
         for seq in range(3):
             gcs.wait(lambda: requests(gcs, PX4)[-1:] == [seq], f"a request for {seq}")  # noqa: B023
@@ -178,7 +234,7 @@ def test_a_long_order_keeps_the_client_waiting_by_requests(fleet: Fleet, gcs: Ca
         gcs.wait(lambda: len(requests(gcs, PX4)) >= 6, "requests to pass the time")
         assert requests(gcs, PX4)[:6] == [0, 1, 2, 1, 2, 1]
         assert gcs.fields("MISSION_ACK", PX4) == []
-        fleet.loop.call_soon_threadsafe(go.set)
+        go()
         gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
     assert gcs.fields("MISSION_ACK", PX4)[0]["type"] == ACCEPTED
 

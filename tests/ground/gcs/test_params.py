@@ -27,9 +27,8 @@ REAL32, INT32 = 9, 6
 
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
-    with Fleet(
-        [VehicleSpec(), VehicleSpec(autopilot="px4")], speed=4.0, udpin="read_only=1", slow="rate=4kB/s"
-    ) as fleet:
+    specs = [VehicleSpec(), VehicleSpec(autopilot="px4")]
+    with Fleet(specs, speed=1.0, udpin="read_only=1", slow="rate=4kB/s") as fleet:
         yield fleet
 
 

@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import zenoh
@@ -57,33 +57,42 @@ FLAGS = (
 
 
 class Tab:
-    """One page of a browser, and what its console and its errors said."""
+    """A browser's tab, and what the console and the errors of its page said. ``target``: its name, if it is there."""
 
-    def __init__(self, connection: ClientConnection, group: int) -> None:
-        self._connection = connection
-        self.group = group
-        """of the browser's processes"""
+    def __init__(self, connection: ClientConnection, group: int, target: str) -> None:
+        self._connection, self.group = connection, group
+        """``group``: of the browser's processes"""
         self._ids = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
-        self._session = self._target = self.context = ""
+        self._session, self.target = "", target
         self.said: list[str] = []
         """console messages, uncaught errors and what the page's policy forbade"""
         self._task = asyncio.create_task(self._listen())
 
-    async def open(self, url: str) -> None:
-        """Show a page in a new tab, in place of the last one."""
-        before, self._session = self._target, ""
-        self._target = (await self.call("Target.createTarget", url="about:blank", browserContextId=self.context))[
-            "targetId"
-        ]
-        if before:
-            await self.call("Target.closeTarget", targetId=before)
+    async def open(self, url: str, size: tuple[int, int] | None = None) -> None:
+        """Show a page, in place of the last one, in a window of that size or of the usual one.
+
+        The tab, and with it the renderer's process, stays: a new one for each page takes the processor longer.
+        """
+        if self._session:
+            await self.clear()
+        else:
+            self.target = self.target or (await self.call("Target.createTarget", url="about:blank"))["targetId"]
+            attached = await self.call("Target.attachToTarget", targetId=self.target, flatten=True)
+            self._session = attached["sessionId"]
+            for domain in ("Page", "Runtime", "Log"):
+                await self.call(f"{domain}.enable")
+        if size is not None:
+            await self.size(*size)
         self.said.clear()
-        attached = await self.call("Target.attachToTarget", targetId=self._target, flatten=True)
-        self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Log"):
-            await self.call(f"{domain}.enable")
         await self.call("Page.navigate", url=url)
+
+    async def clear(self) -> None:
+        """Show nothing, as a new tab does: the last page has ended, and has said its last word."""
+        await self.call("Page.navigate", url="about:blank")
+        await self.run("0")  # the renderer answers behind all that it had to tell of the page before
+        await self.call("Emulation.clearDeviceMetricsOverride")
+        await self.call("Emulation.setEmulatedMedia", features=[])
 
     async def call(self, method: str, **params: Any) -> dict[str, Any]:
         number = next(self._ids)
@@ -229,6 +238,9 @@ class Tab:
         path.write_bytes(base64.b64decode(shot["data"]))
 
     async def close(self) -> None:
+        """The tab is there still, empty, for who comes next."""
+        if self._session:
+            await self.clear()
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
 
@@ -261,22 +273,19 @@ async def _result(future: asyncio.Future[dict[str, Any]]) -> dict[str, Any]:
     return await future
 
 
-class Chromium(NamedTuple):
-    """A browser that runs."""
+class Chromium:
+    """A browser that runs. ``url``: of its DevTools; ``group``: of its processes."""
 
-    url: str
-    """of its DevTools"""
-    group: int
-    """of its processes"""
+    def __init__(self, url: str, group: int) -> None:
+        self._url, self._group, self._target = url, group, ""
 
     @contextlib.asynccontextmanager
     async def tab(self) -> AsyncIterator[Tab]:
-        """A tab with a store, cookies and a cache of its own."""
-        async with connect(self.url, max_size=None, ping_interval=None) as connection:
-            tab = Tab(connection, self.group)
-            context = await tab.call("Target.createBrowserContext", disposeOnDetach=True)
-            tab.context = context["browserContextId"]
+        """Its one tab, empty. What a page stores is kept for that page's server alone, which has a port of its own."""
+        async with connect(self._url, max_size=None, ping_interval=None) as connection:
+            tab = Tab(connection, self._group, self._target)
             yield tab
+            self._target = tab.target
             await tab.close()
 
 

@@ -201,7 +201,7 @@ def test_every_message_s_template_can_be_sent_and_read(served: Served) -> None:
     dialect = load_dialect()
     for name in dialect.by_name:
         given = json.loads(json.dumps(template(name, dialect, (255, 0))))
-        frame = parse_frame(frame_of(given, dialect, (255, 0), served.gateway), dialect)
+        frame = parse_frame(frame_of(given, dialect, (255, 0), served.gateway.next_seq), dialect)
         assert json.loads(json.dumps(document(frame, dialect)))["message"] == given["message"], name
 
 

@@ -65,7 +65,7 @@ def two(serve: Serve) -> Iterator[Served]:
     """quad1 and quad2, simulated, behind a gateway."""
     served = serve()
     specs = [VehicleSpec(name=f"quad{n}", sysid=n) for n in (1, 2)]
-    with World(specs, endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
+    with World(specs, endpoint="tcp:0", ready_s=0.5) as world:
 
         async def start(url: str, name: str) -> Onboard:
             return await Onboard(served.session, OnboardSettings(link=url, name=name, origin=ORIGIN)).__aenter__()

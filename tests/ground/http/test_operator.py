@@ -38,9 +38,8 @@ def at(north: float, east: float, **more: Any) -> dict[str, Any]:
 async def opened(tab: Tab, served: Served, *names: str) -> None:
     """The page, once it has heard what the vehicles are now: the gateway knows what they were in the test before."""
     now = time.time()
-    await tab.open(f"http://127.0.0.1:{served.port}/")
+    await tab.open(f"http://127.0.0.1:{served.port}/", (1400, 900))
     await pieces(tab)
-    await tab.size(1400, 900)
     for name in names or ("quad1", "quad2"):
         await tab.until(f"{row(name)} !== null && store.named('{name}').state.t > {now}")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from ground.http.guard import Rules
-from ground.record.sources import Record
+from ground.record.folder import Record
 from ground.record.steering import SteeredPlayer
 from tests.ground.http.browser import FakePlanner, Fleet, Tab, pieces, row
 from tests.ground.http.test_missions import PLAN

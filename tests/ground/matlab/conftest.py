@@ -31,7 +31,6 @@ from zmav.verbs import Access, Verb
 HERE = Path(__file__).resolve().parent
 TOOLBOX = HERE.parent.parent.parent / "ground" / "matlab"
 PLACE = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
-SPEED = 8.0
 PATIENCE_S = 100.0
 TOKEN = "only for those who know it"
 
@@ -70,6 +69,7 @@ class Fleet:
         self.url = self.guarded = ""
         self.track: list[wire.VehicleState] = []
         """every state that quad1 has published"""
+        self.world: World
         self._cache, self._ready = cache, threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name="fleet")
 
@@ -95,7 +95,7 @@ class Fleet:
 
     async def _start(self, stack: contextlib.AsyncExitStack) -> None:
         spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
-        world = stack.enter_context(World([spec], endpoint="tcp:0", speed=SPEED, ready_s=0.5))
+        world = self.world = stack.enter_context(World([spec], endpoint="tcp:0", ready_s=0.5))
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         router = stack.enter_context(open_session(how))
         endpoint = endpoint_of(router)

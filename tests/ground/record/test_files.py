@@ -17,7 +17,7 @@ import pytest
 from mcap.reader import make_reader
 from pymavlink import mavutil
 
-from ground.record import mcapfile
+from ground.record import mcapfile, schemas
 from ground.record.folder import is_whole
 from ground.record.mcapfile import repair
 from ground.record.part import MOST_TLOGS
@@ -64,8 +64,8 @@ def test_frames_are_kept_byte_for_byte_and_decoded(desk: Any, frames: type[Frame
     assert theirs.recv_match() is None
 
     (path,) = here.files("mcap")
-    assert read(path, mcapfile.ALL_FRAMES) == [(f"{QUAD1}/mav/rx", frame) for frame in make.made]
-    decoded = read(path, mcapfile.DECODED)
+    assert read(path, schemas.ALL_FRAMES) == [(f"{QUAD1}/mav/rx", frame) for frame in make.made]
+    decoded = read(path, schemas.DECODED)
     assert {topic for topic, _ in decoded} == {f"{QUAD1}/mav/rx/1/1/ATTITUDE"}
     assert [json.loads(data)["time_boot_ms"] for _, data in decoded] == list(range(50))
     assert here.storage.counts.written == 50
@@ -82,8 +82,8 @@ def test_documents_are_kept_as_they_came_with_what_foxglove_wants(desk: Any) -> 
     assert here.files("tlog") == [], "no frame came"
     (path,) = here.files("mcap")
     kept = [*came, (f"{QUAD1}/state/bytes", b"no JSON"), (f"{QUAD1}/link/x/bytes", b"[1]")]
-    assert read(path, mcapfile.AS_IT_CAME) == kept
-    made = dict(read(path, mcapfile.DERIVED))
+    assert read(path, schemas.AS_IT_CAME) == kept
+    made = dict(read(path, schemas.DERIVED))
     assert json.loads(made[f"{QUAD1}/location"])["latitude"] == 1.0
     times = [(m.log_time, m.publish_time) for m in records(path) if type(m).__name__ == "Message"]
     assert times[0] == (1_700_000_005_000_000_000, 1_700_000_000_500_000_000)
@@ -107,7 +107,7 @@ def test_what_is_no_frame_or_not_recorded_spoils_nothing(desk: Any, frames: type
     assert tlog(here.files("tlog")[0]) == make.made
     (path,) = here.files("mcap")
     rx, tx = f"{QUAD1}/mav/rx", f"{QUAD1}/mav/tx"
-    assert read(path, mcapfile.ALL_FRAMES) == [*((rx, frame) for frame in make.made[:3]), (tx, make.made[3])]
+    assert read(path, schemas.ALL_FRAMES) == [*((rx, frame) for frame in make.made[:3]), (tx, make.made[3])]
 
 
 def test_files_are_complete_in_themselves_at_every_split(desk: Any, frames: type[Frames]) -> None:
@@ -120,7 +120,7 @@ def test_files_are_complete_in_themselves_at_every_split(desk: Any, frames: type
     names = [path.name for path in here.files("mcap")]
     assert len(names) >= 3
     assert names == [f"record.{n:03}.mcap" for n in range(1, len(names) + 1)]
-    kept = [frame for path in here.files("mcap") for _, frame in read(path, mcapfile.ALL_FRAMES)]
+    kept = [frame for path in here.files("mcap") for _, frame in read(path, schemas.ALL_FRAMES)]
     assert kept == make.made
     assert [frame for path in here.files("tlog") for frame in tlog(path)] == make.made
     assert here.storage.counts.bytes == sum(path.stat().st_size for path in here.storage.session.iterdir())
@@ -174,7 +174,7 @@ def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
     here.told("the disk is full: nothing is recorded until there is room")
     (cut,) = here.files("mcap")[:1]
     assert not is_whole(cut)
-    assert [frame for _, frame in read_cut(cut, mcapfile.ALL_FRAMES)] == make.made[:100]
+    assert [frame for _, frame in read_cut(cut, schemas.ALL_FRAMES)] == make.made[:100]
     written = here.storage.counts.written
     narrow(resource.RLIM_INFINITY)
     while not any("there is room again" in line for line in here.said):
@@ -185,8 +185,8 @@ def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
     assert counts.written > written
     assert counts.written + counts.unwritten == counts.taken == len(make.made)
     assert repair(cut).messages == 200
-    assert [frame for _, frame in read(cut, mcapfile.ALL_FRAMES)] == make.made[:100]
-    last = read(here.files("mcap")[-1], mcapfile.ALL_FRAMES)
+    assert [frame for _, frame in read(cut, schemas.ALL_FRAMES)] == make.made[:100]
+    last = read(here.files("mcap")[-1], schemas.ALL_FRAMES)
     assert last[-1][1] == make.made[-1]
     assert tlog(here.files("tlog")[0])[:100] == make.made[:100]
 
@@ -223,11 +223,11 @@ def test_a_file_cut_anywhere_is_completed_to_its_last_flush(desk: Any, frames: t
     path, kept = tmp_path / "cut.mcap", []
     for size in (*range(8, len(whole), max(1, len(whole) // 20)), len(whole) - 1):
         path.write_bytes(whole[:size])
-        expected = read_cut(path, mcapfile.ALL_FRAMES)
+        expected = read_cut(path, schemas.ALL_FRAMES)
         done = repair(path)
         assert not done.whole
         assert is_whole(path)
-        found = read(path, mcapfile.ALL_FRAMES)
+        found = read(path, schemas.ALL_FRAMES)
         assert found == expected
         kept.append(len(found))
         with path.open("rb") as file:
@@ -235,7 +235,7 @@ def test_a_file_cut_anywhere_is_completed_to_its_last_flush(desk: Any, frames: t
             assert summary is not None
             assert summary.statistics is not None
             assert summary.statistics.message_count == 2 * len(found) == done.messages
-        assert [each.data for each in mcapfile.read_forth(path) if each.holds == mcapfile.ALL_FRAMES] == [
+        assert [each.data for each in mcapfile.read_forth(path) if each.holds == schemas.ALL_FRAMES] == [
             frame for _, frame in found
         ]
         assert repair(path).whole
@@ -266,7 +266,7 @@ def test_a_damaged_middle_ends_the_recording_there(desk: Any, frames: type[Frame
     data[sum(sizes) // 2 - 200] ^= 0xFF
     path.write_bytes(data[:-8])
     repair(path)
-    assert [frame for _, frame in read(path, mcapfile.ALL_FRAMES)] == make.made[:20]
+    assert [frame for _, frame in read(path, schemas.ALL_FRAMES)] == make.made[:20]
 
 
 def test_two_recorders_never_share_a_folder(folder: Room) -> None:
@@ -332,7 +332,7 @@ def test_a_name_too_long_for_a_file_stops_nobody_elses(desk: Any, frames: type[F
     here.storage.close()
     assert here.storage.counts.written == 3
     assert [path.name for path in here.files("tlog")] == ["quad1.001.tlog"]
-    assert len(read(here.files("mcap")[0], mcapfile.ALL_FRAMES)) == 3
+    assert len(read(here.files("mcap")[0], schemas.ALL_FRAMES)) == 3
 
 
 def test_a_file_that_is_being_written_is_not_mended(desk: Any, frames: type[Frames]) -> None:
@@ -344,7 +344,7 @@ def test_a_file_that_is_being_written_is_not_mended(desk: Any, frames: type[Fram
         repair(path)
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.storage.close()
-    assert [frame for _, frame in read(path, mcapfile.ALL_FRAMES)] == make.made
+    assert [frame for _, frame in read(path, schemas.ALL_FRAMES)] == make.made
 
 
 def test_a_clock_that_is_set_back_changes_no_order(desk: Any, frames: type[Frames]) -> None:
@@ -355,7 +355,7 @@ def test_a_clock_that_is_set_back_changes_no_order(desk: Any, frames: type[Frame
     here.until("written", 4)
     here.storage.close()
     (path,) = here.files("mcap")
-    played = [found.data for found in mcapfile.read_forth(path) if found.holds == mcapfile.ALL_FRAMES]
+    played = [found.data for found in mcapfile.read_forth(path) if found.holds == schemas.ALL_FRAMES]
     assert played == make.made
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ground.record.decoder import Decoder
-from ground.record.history import RING, History
+from ground.record.history import RING, ROOM, History
 from ground.record.part import Route, asked_of
 from zmav.mavlink import load_dialect
 
@@ -17,3 +17,17 @@ def test_as_many_entries_of_a_key_are_kept_as_it_says_however_large_they_are() -
     assert len(entries) == RING
     assert entries[0].t == 11 / 1e9
     assert whole_from >= 11
+
+
+def test_large_values_under_many_keys_take_no_more_than_the_room() -> None:
+    dialect, large = load_dialect(), bytes(4 << 20)
+    history = History(Decoder(dialect))
+    routes = [Route(f"zmav/demo/quad{n}/event", dialect) for n in range(2 * ROOM // len(large))]
+    small = Route("zmav/demo/small/event", dialect)
+    history.add_all([(route, 1, large) for route in routes])
+    history.add_all([(small, at, b"1") for at in (2, 3)])
+    held = [history.newest(asked_of(route.key), 0, 1, 1) for route in routes]
+    assert (ROOM // len(large)) - 1 <= sum(bool(entries) for entries, _ in held) <= ROOM // len(large)
+    assert all(entries or whole_from > 1 for entries, whole_from in held), "what was let go is told"
+    (last,), _ = history.newest(asked_of(small.key), 0, 3, 1)
+    assert (last.t, last.value) == (3 / 1e9, 1), "there is room for what is small"

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 
 import zmav
-from ground.record import mcapfile
+from ground.record import schemas
 from ground.record.folder import Folder, is_whole
 from ground.record.history import END, MOST_ENTRIES, RING
 from ground.record.part import Asked
@@ -112,11 +112,11 @@ async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> N
     await recording.taken(len(sent))
     await recording.recorder.close()
     (path,) = recording.recorder.storage.session.glob("*.mcap")
-    kept = dict(read(path, mcapfile.AS_IT_CAME))
+    kept = dict(read(path, schemas.AS_IT_CAME))
     assert {key: kept.get(f"zmav/demo/{key}") for key in sent if "/mav/" not in key} == {
         key: data for key, data in sent.items() if "/mav/" not in key
     }
-    assert {data for _, data in read(path, mcapfile.ALL_FRAMES)} == set(make.made)
+    assert {data for _, data in read(path, schemas.ALL_FRAMES)} == set(make.made)
 
 
 async def test_signals_are_numbers_that_readers_can_list(recording: Recording) -> None:
@@ -163,7 +163,7 @@ async def test_patterns_that_overlap_bring_nothing_twice(recording: Recording, t
                 lambda: any(entry.key.endswith("last") for entry in history.newest(last, 0, END, 1000)[0]),
                 lambda: str(history.known()),
             )
-    kept = [key for path in both.storage.session.glob("*.mcap") for key, _ in read(path, mcapfile.AS_IT_CAME)]
+    kept = [key for path in both.storage.session.glob("*.mcap") for key, _ in read(path, schemas.AS_IT_CAME)]
     assert kept.count("zmav/demo/quad1/link/x") == 1
     assert kept.count("zmav/demo/plane1/link/x") == 1
     assert not any("plane2" in key for key in kept)
@@ -279,7 +279,7 @@ async def test_killed_in_the_middle_it_leaves_all_that_it_had_written(net: Net, 
     (cut,) = session.glob("*.mcap")
     assert not is_whole(cut)
     for ended in (read_cut, read):
-        kept = ended(cut, mcapfile.ALL_FRAMES)
+        kept = ended(cut, schemas.ALL_FRAMES)
         assert len(kept) >= 490  # of the 500, a few may have been the recorder's own status
         for name, make in zip(FIVE, makes, strict=True):
             own = [frame for topic, frame in kept if topic == f"zmav/demo/{name}/mav/rx"]

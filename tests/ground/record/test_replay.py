@@ -14,9 +14,10 @@ import pytest
 import zenoh
 
 from ground.record import mcapfile, sources
-from ground.record.folder import Folder
+from ground.record.folder import Folder, Record
+from ground.record.mcapfile import Mcap
 from ground.record.replay import FedLink, Player
-from ground.record.sources import Mcap, Record, Tlogs
+from ground.record.sources import Tlogs
 from ground.record.storage import RecordingSettings, Storage
 from tests.cli.conftest import Here
 from tests.ground.record.conftest import Frames

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from ground.record import mcapfile
+from ground.record import mcapfile, schemas
 from ground.record.cli import command
 from zmav import wire
 from zmav.errors import BadConfig
@@ -53,9 +53,9 @@ def read(path: Path) -> dict[str, list[Any]]:
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             decoder = factory.decoder_for(channel.message_encoding, schema)
-            assert (decoder is not None) == (channel.message_encoding == mcapfile.CDR)
+            assert (decoder is not None) == (channel.message_encoding == schemas.CDR)
             if decoder is not None:
-                assert channel.metadata[mcapfile.HOLDS] == mcapfile.DERIVED
+                assert channel.metadata[mcapfile.HOLDS] == schemas.DERIVED
                 found.setdefault(channel.topic, []).append(decoder(message.data))
     return found
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ground.record.sources import Record, Tlogs
+from ground.record.folder import Record
+from ground.record.sources import Tlogs
 from ground.record.steering import LEAD_S, SteeredPlayer
 from tests.ground.record.conftest import Frames
 from tests.ground.record.test_replay import START_US, tlog

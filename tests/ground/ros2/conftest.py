@@ -161,6 +161,15 @@ class Fleet(OwnThread):
 
 
 @pytest.fixture
+def fast(fleet: Fleet) -> Iterator[None]:
+    """For a test that flies: time runs faster meanwhile. Where nothing flies, a fast clock is only work."""
+    before = fleet.world.speed
+    fleet.world.set_speed(4.0)
+    yield
+    fleet.world.set_speed(before)
+
+
+@pytest.fixture
 def peer(fleet: Fleet) -> Iterator[Peer]:
     found = Peer(fleet.port)
     yield found

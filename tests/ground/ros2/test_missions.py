@@ -25,7 +25,7 @@ NAV, JUMP = 16, 177
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
     specs = [VehicleSpec(params={"DISARM_DELAY": 0.0}), VehicleSpec(autopilot="px4", sysid=2)]
-    with Fleet(NAMES, specs, speed=4.0, may_order=True) as fleet:
+    with Fleet(NAMES, specs, speed=1.0, may_order=True) as fleet:
         yield fleet
 
 
@@ -106,7 +106,7 @@ def test_a_fence_and_rally_points(
     wait_until(lambda: not lists[-1].waypoints)
 
 
-def test_what_is_reached_is_told(fleet: Fleet, peer: Peer) -> None:
+def test_what_is_reached_is_told(fleet: Fleet, fast: None, peer: Peer) -> None:
     async def fly() -> None:
         vehicle = fleet.z.vehicle("quad1")
         await vehicle.arm()
@@ -138,7 +138,7 @@ def test_nonsense_is_refused_with_its_reason(
 
 
 def test_nothing_is_changed_without_orders() -> None:
-    with Fleet(["px4"], [VehicleSpec(autopilot="px4")], speed=4.0, may_order=False) as fleet:
+    with Fleet(["px4"], [VehicleSpec(autopilot="px4")], speed=1.0, may_order=False) as fleet:
         peer, missions = Peer(fleet.port), fleet.z.vehicle("px4").missions
         before = fleet.run(missions.get())
         assert not client(peer, "/px4/mission/push", PUSH).call(start_index=0, waypoints=[waypoint(9.0)]).success

@@ -24,7 +24,7 @@ QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0})
 def fleet() -> Iterator[Fleet]:
     """quad-1 (ArduPilot) and px4 (PX4), ready on the ground."""
     specs = [QUAD, VehicleSpec(autopilot="px4", sysid=2)]
-    with Fleet(["quad-1", "px4"], specs, speed=2.0, may_order=False) as fleet:
+    with Fleet(["quad-1", "px4"], specs, speed=1.0, may_order=False) as fleet:
         yield fleet
 
 
