@@ -225,6 +225,29 @@ async def test_a_token_that_was_there_before_the_agent_counts(bench: StartBench,
     await b.event("is gone")
 
 
+async def test_nothing_is_put_by_a_program_that_is_cancelled_while_it_gives_its_lease_back(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    async with zmav.open(connect=[b.endpoint]) as one:
+        (quad,) = await one.wait_for("quad1")
+        held: asyncio.Queue[zmav.Lease] = asyncio.Queue()
+
+        async def hold() -> None:
+            async with quad.lease("alice") as lease:
+                held.put_nowait(lease)
+                await asyncio.Event().wait()
+
+        task = asyncio.create_task(hold())
+        lease = await held.get()
+        task.cancel()
+        await asyncio.sleep(0)  # it gives it back
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        with pytest.raises(NotHolder, match="was given back"):
+            lease.setpoint(vel=(0.0, 0.0, 0.0))
+    await b.state(lambda s: s["lease"] is None, "no lease")
+
+
 async def test_a_program_hears_what_took_its_lease(bench: StartBench) -> None:
     b = await (await bench()).connected()
     async with zmav.open(connect=[b.endpoint]) as one, zmav.open(connect=[b.endpoint]) as two:
