@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
-import pathlib
 import subprocess
 import sys
 import threading
@@ -42,7 +41,6 @@ from agents.planner.solve.spacetime.turns import stopping, turns_of
 
 PATIENCE = 600.0
 """s, for a slow machine that compiles"""
-AUTOGROUP = pathlib.Path("/proc/self/autogroup")
 EVERY = 2.0
 """s between two words on how far it is, where it has come further"""
 _begun: dict[Sequence[str], subprocess.Popen[bytes]] = {}
@@ -316,8 +314,6 @@ if __name__ == "__main__":
     compile_parts(sys.argv[1:], wait=False)
     with contextlib.suppress(OSError):
         os.nice(10)  # somebody plans already
-        # Where the kernel shares the cores by session, that counts within one, and this is a session of its own.
-        AUTOGROUP.write_text("10")
     compile_parts(PARTS, wait=False)
     compile_parts(PARTS, wait=True)
     jit.complete()
