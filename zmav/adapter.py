@@ -101,7 +101,7 @@ class Adapter:
         self.spoke = 0.0
         """monotonic seconds at which something was sent that may be answered, and nothing below knows of that"""
         self.awaited = 0
-        """coroutines that wait for frames (:class:`~zmav.services.link.port.Inbox`)"""
+        """transactions that wait for frames (:func:`~zmav.services.link.port.listening`)"""
 
     def start(self) -> None:
         """Begin to carry; the link keeps itself open from now on."""

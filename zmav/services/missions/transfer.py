@@ -133,11 +133,14 @@ class Transfer:
 
     async def _run(self, names: Sequence[str], transaction: Waits[T]) -> T:
         over, turn, until = Future[T](), threading.Lock(), 0.0
+        ended = asyncio.wrap_future(over)
 
-        def go_on(heard: Heard | None) -> None:
+        def go_on(frame: Frame | None) -> None:
             nonlocal until
             try:
-                until = transaction.send(heard)
+                heard = None if frame is None else self._heard(frame)
+                if frame is None or heard is not None:
+                    until = transaction.send(heard)
             except StopIteration as end:
                 over.set_result(end.value)
             except Exception as e:
@@ -145,21 +148,22 @@ class Transfer:
 
         def take(frame: Frame) -> None:
             with turn:
-                if until and not over.done() and (heard := self._heard(frame)) is not None:
-                    go_on(heard)
+                if until and not over.done():
+                    go_on(frame)
 
         try:
             with listening(self._port, self._source, names, take):
-                ended = asyncio.wrap_future(over)
                 while not ended.done():
                     with turn:
                         if not over.done() and time.monotonic() >= until:
                             go_on(None)
-                    await asyncio.wait({ended}, timeout=max(until - time.monotonic(), 0.0))
+                    # What comes may bring the moment nearer.
+                    await asyncio.wait({ended}, timeout=min(max(until - time.monotonic(), 0.0), self._times.shortest))
                 return ended.result()
         finally:
             with turn:
                 over.cancel()  # what still comes goes nowhere
+            ended.cancel()
 
     def _heard(self, frame: Frame) -> Heard | None:
         """A message of this transaction."""
@@ -228,9 +232,9 @@ class Transfer:
             if heard is None:
                 continue
             name, fields = heard
-            if name == "MISSION_ITEM_INT" and fields["seq"] < count and fields["seq"] not in items:
+            if name == "MISSION_ITEM_INT" and fields["seq"] in asked:
                 items[fields["seq"]] = raw_from(fields)
-                self._learn(*asked.pop(fields["seq"], (0.0, 0)))
+                self._learn(*asked.pop(fields["seq"]))
                 step(len(items), count)
             elif name == "MISSION_COUNT" and fields["count"] != count:
                 return None
@@ -268,9 +272,8 @@ class Transfer:
                     raise TimedOut(text, vehicle=self._port.name)
                 asked[seq] = now, tries + 1
                 self._send("MISSION_REQUEST_INT", seq=seq)
-        for seq in range(
-            len(items) + len(asked), min(len(items) + self._window, count)
-        ):  # in order: the first not asked
+        first = len(items) + len(asked)  # they are asked for in order, and what was not asked for is not taken
+        for seq in range(first, min(len(items) + self._window, count)):
             asked[seq] = now, 1
             self._send("MISSION_REQUEST_INT", seq=seq)
 
