@@ -12,8 +12,8 @@ import msgspec
 import zmav
 from ground.program import hear_proven
 from zmav import keys, wire
-from zmav.services.link.port import on_loop
 from zmav.traffic import BYTES, MOST_SOURCES, AirPicture, Seen, approach, on_earth, read
+from zmav.waiting import on_loop
 
 
 class Listener:

@@ -21,7 +21,7 @@ from zmav import keys
 from zmav.corrections import MOST, MOST_NAME, OLDEST_S, PATIENCE_S, Batch, Charge, batches, unpack
 from zmav.errors import BadConfig, BadMessage, Forbidden
 from zmav.formats.rtcm3 import Cutter, Ecef, Message
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 GATHER_S, MOST_GATHER_S = 0.05, 0.3
 """s without a message after which a moment is over, and s that it lasts at most: a base's line may be slow"""

@@ -12,7 +12,7 @@ import zenoh
 from tests.conftest import PATIENCE_S
 from zmav import keys, wire
 from zmav.errors import ZmavError
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 from zmav.wire import swarm
 
 EVERY = 0.1

@@ -33,7 +33,6 @@ from zmav.bus import Alive, Bus
 from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
 from zmav.ratelimit import RateLimit
-from zmav.services.link.port import on_loop
 from zmav.services.orders.orders import Guarded, Orders, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
@@ -41,7 +40,7 @@ from zmav.trust.gate import Origin, ProofRefused, anybody
 from zmav.tunable import Tunable as Tunable
 from zmav.tunable import check_tunable
 from zmav.verbs import Access, Verb
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 if TYPE_CHECKING:
     from zmav.client import Client

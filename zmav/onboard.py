@@ -43,7 +43,7 @@ from zmav.services.files.store import Store, default_directory
 from zmav.services.gimbal.gimbal import Gimbal
 from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.patience import Patience
-from zmav.services.link.port import FrameRefused, on_loop
+from zmav.services.link.port import FrameRefused
 from zmav.services.link.quality import Quality
 from zmav.services.link.timesync import AutopilotRestarted, TimeSync
 from zmav.services.missions.flight import MissionFlight
@@ -71,7 +71,7 @@ from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, ProofRefused, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 
 
 class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):

@@ -308,9 +308,9 @@ async def order_planner(
     """
     key, payload, unanswered = keys.SWARM.key(fleet, planner, verb=verb), wire.encode_request(order), 0
     while unanswered < silent:
-        if time.monotonic() >= ends:
+        if (left := ends - time.monotonic()) <= 0.0:
             raise TimedOut(f"planner {planner} does not say how {verb} ended", planner=planner)
-        answers = await z.ask(key, payload, answer_s, keys.SWARM)
+        answers = await z.ask(key, payload, min(answer_s, left), keys.SWARM)
         if not answers:
             unanswered += 1
             continue

@@ -15,11 +15,11 @@ from agents.camera.settings import Calibration, CameraSettings, cropped
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput
-from zmav.services.link.port import on_loop
 from zmav.session import SessionSettings
 from zmav.vision.chunks import MOST_JPEG, count_of, split
 from zmav.vision.opencv import decode, encode, opencv
 from zmav.vision.parity import needed
+from zmav.waiting import on_loop
 from zmav.wire import CameraInfo
 
 EARLY = 0.2

@@ -20,12 +20,11 @@ from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput
 from zmav.process import until_stopped
-from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.session import SessionSettings, open_in_thread
 from zmav.trust.gate import anybody
-from zmav.waiting import in_thread, within
+from zmav.waiting import in_thread, on_loop, within
 
 S = TypeVar("S", bound="Sender")
 SHORTEST_SLEEP = 0.002

@@ -22,12 +22,11 @@ from agents.camera.streams import BITS, Encoded, Encoding, Stream
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadConfig, BadInput
-from zmav.services.link.port import on_loop
 from zmav.session import SessionSettings
 from zmav.vision.chunks import VIDEO, count_of, split
 from zmav.vision.erasure import needed
 from zmav.vision.video import packed
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 
 MOST_BEHIND = 1.0
 """s of sending that may wait: beyond it all is dropped up to the next key frame"""

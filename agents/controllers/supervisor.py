@@ -25,11 +25,10 @@ from zmav import keys, wire
 from zmav.autopilots import autopilot_named
 from zmav.direct import direct
 from zmav.errors import BadConfig, BadInput, Refused, ZmavError
-from zmav.services.link.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
 from zmav.verbs import Access, Verb
-from zmav.waiting import together, within
+from zmav.waiting import on_loop, together, within
 
 LOOK = 0.02
 """s between two looks at whether the autopilot's state still comes"""

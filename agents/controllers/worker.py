@@ -19,8 +19,8 @@ import msgspec
 from agents.controllers import packets
 from agents.controllers.packets import Answer
 from zmav.errors import BadConfig, TimedOut
-from zmav.services.link.port import on_loop
 from zmav.tunable import Tunable
+from zmav.waiting import on_loop
 
 logger = logging.getLogger(__name__)
 LOAD_TIMEOUT = 20.0

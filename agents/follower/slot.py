@@ -16,9 +16,8 @@ import zenoh
 
 from zmav import keys
 from zmav.errors import BadKey, Refused
-from zmav.services.link.port import on_loop
 from zmav.tokens import TokenTable, find_tokens
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""

@@ -33,8 +33,7 @@ from zmav import keys, wire
 from zmav.errors import BadInput
 from zmav.mavlink import Dialect, Frame, decode
 from zmav.ratelimit import RateLimit
-from zmav.services.link.port import on_loop
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 
 TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
 """kinds of events that somebody at a station must see, and the autopilot does not say"""

@@ -32,8 +32,8 @@ from zmav.mavlink import Frame, decode, paramvalue
 from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
 from zmav.mavlink.packed_params import PATH
 from zmav.mavlink.paramvalue import ParamEncoding
-from zmav.services.link.port import on_loop
 from zmav.services.params.values import is_name
+from zmav.waiting import on_loop
 
 MOST_SETS = 64
 """orders of one client under way; it repeats what gets no answer"""

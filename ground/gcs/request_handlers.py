@@ -18,7 +18,7 @@ from ground.gcs.client import Client
 from zmav import wire
 from zmav.errors import ZmavError
 from zmav.mavlink import Frame
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 logger = logging.getLogger(__name__)
 MOST_ASKED = 4096

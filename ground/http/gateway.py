@@ -18,11 +18,10 @@ from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput, BadMessage, Clash, NoSuchVehicle, Stale
 from zmav.mavlink import Dialect, Frame, parse_frame, targets
-from zmav.services.link.port import on_loop
 from zmav.services.rates.demand import NOT_STREAMED
 from zmav.vehicle import Vehicle
 from zmav.vehicle.rates import want_key
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 if TYPE_CHECKING:
     from ground.http.tiles import Picture, Tiles

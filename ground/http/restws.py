@@ -22,8 +22,7 @@ from ground.http.restjson import document, frame_of
 from ground.http.server import Write, text_frame, write_of
 from zmav.errors import BadInput, BadMessage, ZmavError
 from zmav.mavlink import parse_frame
-from zmav.services.link.port import on_loop
-from zmav.waiting import together
+from zmav.waiting import on_loop, together
 
 MOST = 100
 """clients at once"""

@@ -15,10 +15,9 @@ import zenoh
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput, BadKey
-from zmav.services.link.port import on_loop
 from zmav.vision.mux import Muxer
 from zmav.vision.video import Unit, Units, VideoReader, pyav
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 
 MOST_CAMERAS = 32
 PREFIX = "video-"

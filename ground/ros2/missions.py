@@ -28,8 +28,8 @@ from zmav.direct import direct
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.formats.items import command_name, command_number
 from zmav.mavlink import decode, parse_frame
-from zmav.services.link.port import on_loop
 from zmav.vehicle import Vehicle
+from zmav.waiting import on_loop
 
 logger = logging.getLogger(__name__)
 CURRENT, REACHED = "MISSION_CURRENT", "MISSION_ITEM_REACHED"

@@ -23,8 +23,8 @@ from ground.ros2.types import LARGEST, Types, known
 from zmav import keys, wire
 from zmav.direct import direct
 from zmav.errors import BadInput, Refused, ZmavError
-from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import attached
+from zmav.waiting import on_loop
 
 logger = logging.getLogger(__name__)
 MOST_WAITING = 16

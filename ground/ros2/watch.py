@@ -19,7 +19,7 @@ from ground.ros2.node import Ros
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.direct import direct
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 logger = logging.getLogger(__name__)
 W = TypeVar("W", bound=msgspec.Struct)

@@ -24,7 +24,7 @@ from pygnssutils import GNSSNTRIPClient
 
 from ground.rtk.options import Caster, Fixed
 from zmav.formats.rtcm3 import Cutter, Message
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 SILENCE_S = 20.0
 """s without a message after which a caster is given up"""

@@ -11,8 +11,7 @@ from ground.rtk.ublox import UbloxBase
 from zmav.errors import ZmavError
 from zmav.formats.rtcm3 import Cutter, Message
 from zmav.links import LinkState, open_link
-from zmav.services.link.port import on_loop
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 
 SILENCE_S = 10.0
 """s without a message after which it is said that nothing comes"""

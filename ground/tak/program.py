@@ -23,8 +23,7 @@ from ground.tak.cot import Cot, places_of
 from zmav import keys, wire
 from zmav.doctor.rules import of_state
 from zmav.errors import BadInput
-from zmav.services.link.port import on_loop
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of transports that it could have, and that are not wanted

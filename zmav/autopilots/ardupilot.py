@@ -170,6 +170,7 @@ class ArduPilot(Autopilot):
         pairs = (pair.split(":") for pair in self.rules.modes.split())
         self._modes = {name: base.custom_mode(name, int(number)) for name, number in pairs}
         self._names = {mode.custom: name for name, mode in self._modes.items()}
+        self._unarmable = frozenset(self.rules.unarmable.split())
 
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         return self._names.get(custom_mode, f"MODE_{custom_mode}")
@@ -212,8 +213,8 @@ class ArduPilot(Autopilot):
     def arming_mode(self, mode: str | None) -> str | None:
         """A rover that is armed in GUIDED drives on to the target it had there before: one armed in HOLD stands."""
         if self.on_surface:
-            return self.rules.hold if mode in (*self.rules.unarmable.split(), self.guided) else None
-        return self.guided if mode in self.rules.unarmable.split() else None
+            return self.rules.hold if mode in (*self._unarmable, self.guided) else None
+        return self.guided if mode in self._unarmable else None
 
     def rtl(self) -> str:
         return "RTL"

@@ -159,7 +159,7 @@ class Dialect(msgspec.Struct, frozen=True):
         found = self.by_id.get(name_or_id) if isinstance(name_or_id, int) else self.by_name.get(str(name_or_id))
         if found is not None:
             return found
-        raise self._lacks("name", f"message {name_or_id!r}", name_or_id, self.by_name)
+        raise self._lacks("a message", "name", name_or_id, self.by_name)
 
     def name_of(self, msgid: int) -> str:
         """The message's name, "UNKNOWN_44000" where the dialect lacks it."""
@@ -170,17 +170,16 @@ class Dialect(msgspec.Struct, frozen=True):
         """The number behind an enum's entry; raises :class:`BadMessage`, which suggests names like it."""
         entries = self.enums.get(enum)
         if entries is None:
-            raise self._lacks("enum", f"enum {enum!r}", enum, self.enums)
+            raise self._lacks("an enum", "enum", enum, self.enums)
         if name not in entries:
             text = f"{enum} has no entry {name!r}{did_you_mean(name.upper(), entries)}"
             raise BadMessage(text, field=enum, value=name, expected=f"an entry of {enum}")
         return entries[name]
 
-    def _lacks(self, field: str, what: str, value: str | int, known: Iterable[str]) -> BadMessage:
-        text = f"dialect {self.name} has no {what}{did_you_mean(str(value).upper(), known)}"
-        kind = what.partition(" ")[0]
-        expected = f"{'an' if kind == 'enum' else 'a'} {kind} of dialect {self.name}"
-        return BadMessage(text, field=field, value=value, expected=expected)
+    def _lacks(self, kind: str, field: str, value: str | int, known: Iterable[str]) -> BadMessage:
+        article, noun = kind.split()
+        text = f"dialect {self.name} has no {noun} {value!r}{did_you_mean(str(value).upper(), known)}"
+        return BadMessage(text, field=field, value=value, expected=f"{article} {noun} of dialect {self.name}")
 
     def enum_name(self, enum: str, value: int) -> str | None:
         """The entry's name, or None where the enum or the entry is not known."""

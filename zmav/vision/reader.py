@@ -20,10 +20,10 @@ import zenoh
 from zmav import keys
 from zmav.client import Answer, Client
 from zmav.errors import VehicleError
-from zmav.services.link.port import on_loop
 from zmav.vision.assembler import Assembler, Whole
 from zmav.vision.chunks import PICTURES
 from zmav.vision.opencv import Image, decode
+from zmav.waiting import on_loop
 from zmav.wire import CameraInfo, FrameReport
 from zmav.wire import decode as from_json
 

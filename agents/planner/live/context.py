@@ -26,7 +26,7 @@ from agents.planner.model.problem import MovingObstacle
 from zmav import wire
 from zmav.process import say as log
 from zmav.ratelimit import RateLimit
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 from zmav.wire import swarm
 
 EVENTS = 30

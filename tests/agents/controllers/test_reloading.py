@@ -20,7 +20,7 @@ from agents.controllers.types import LEVELS, Reference, State, Trim
 from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from zmav.cli.agent import resolve
 from zmav.errors import BadConfig, ZmavError
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 IN_FORCE, LOOKING_ON = 1, 0
 GOOD = """

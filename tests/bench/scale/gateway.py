@@ -25,7 +25,7 @@ from tests.bench.scale.group import GROUP
 from tests.bench.scale.shorten import parts, shorten
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 PERIOD = 1.0
 FORGET = 30.0

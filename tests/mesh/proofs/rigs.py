@@ -21,8 +21,7 @@ from mesh.lab.network import LabError, check_able
 from mesh.lab.scenario import Scenario, check
 from zmav import keys, wire
 from zmav.errors import ZmavError
-from zmav.services.link.port import on_loop
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 PATIENCE = 60.0
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.services.conftest import Told
 from tests.services.missions.mission_peer import (
     DENIED,
     ERROR,
@@ -84,6 +85,27 @@ async def test_fences_and_rally_points(
     await b.ground.do("mission_clear", kind=kind)
     assert peer.plans[number] == []
     assert peer.stored() == raw(waypoints(2))
+
+
+@pytest.mark.parametrize("style", ["ardupilot", "px4"])
+async def test_items_that_nobody_asked_for_yet_are_asked_for_in_their_turn(
+    mission_bench: MissionBench, style: str
+) -> None:
+    """Another program reads the same plan, and what it is told comes to all."""
+    b, peer = await mission_bench(style)
+    peer.load(MISSION, raw(waypoints(12)))
+    counted = peer.on_mission_request_list
+
+    def count(told: Told) -> None:
+        counted(told)
+        to = dict(zip(("target_system", "target_component"), told.source, strict=True))
+        for seq in (9, 6):
+            peer.send("MISSION_ITEM_INT", **to, **peer.plans[MISSION][seq], seq=seq, mission_type=MISSION)
+
+    peer.on_mission_request_list = count  # type: ignore[method-assign]
+    assert (await b.ground.do("mission_download")).result["count"] == 12
+    asked = [told.fields["seq"] for told in peer.told if told.name == "MISSION_REQUEST_INT"]
+    assert sorted(asked) == list(range(12 + peer.home_first))
 
 
 # The link.

@@ -16,13 +16,13 @@ from zenoh import handlers
 from tests.services.params.param_peer import many, scenes
 from zmav import keys, wire
 from zmav.errors import BadInput
-from zmav.services.link.port import on_loop
 from zmav.services.orders import orders
 from zmav.services.queries import questions
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.gate import anybody
 from zmav.trust.verify import Allowance
+from zmav.waiting import on_loop
 
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net

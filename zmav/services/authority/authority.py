@@ -26,13 +26,13 @@ from zmav.services.authority.steps import Aside, ModeRequested, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.watchdog import LATE_MODE, StreamWatchdog
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
 from zmav.services.orders.command import Commander
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
 from zmav.trust.roster import Roster
 from zmav.verbs import Access, Verb
+from zmav.waiting import on_loop
 from zmav.wire.orders import OTHER
 
 TOLD = 1.5

@@ -14,7 +14,8 @@ from zmav.mavlink import Frame, decode
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove
 from zmav.services.companion import Companion
-from zmav.services.link.port import FrameForwarded, on_loop
+from zmav.services.link.port import FrameForwarded
+from zmav.waiting import on_loop
 
 STREAMED = (
     "SET_ATTITUDE_TARGET",

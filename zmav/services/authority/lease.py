@@ -15,11 +15,10 @@ from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
 from zmav.services.authority.may_move import MayMove
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import ask_everybody
 from zmav.trust.gate import Origin
 from zmav.trust.seal import Exchange
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 MAX_TTL = 60.0
 MAX_PRIORITY = 100

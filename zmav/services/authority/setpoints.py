@@ -28,10 +28,10 @@ from zmav.services.authority.targets import resolve
 from zmav.services.authority.trajectory import Segment
 from zmav.services.authority.watchdog import StreamWatchdog
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.seal import is_sealed
+from zmav.waiting import on_loop
 
 MAX_AHEAD = 5.0
 """s: a deadline farther away is a mistake or a clock that is off"""

@@ -22,7 +22,7 @@ from zmav.mavlink import Frame, Packer, decode
 from zmav.mavlink.results import CommandResult
 from zmav.services.cameras.components import Camera, Capturing
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 COMPONENTS = range(100, 106)
 """MAV_COMP_ID_CAMERA to MAV_COMP_ID_CAMERA6"""

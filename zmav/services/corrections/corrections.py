@@ -22,10 +22,11 @@ from zmav.formats.rtcm3 import Ecef
 from zmav.mavlink.rtcm import fields
 from zmav.services.companion import Companion
 from zmav.services.corrections.outgoing import AROUND, Outgoing, Pace, Waiting
-from zmav.services.link.port import on_loop, one_waits
+from zmav.services.link.port import one_waits
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.gate import Prove
+from zmav.waiting import on_loop
 
 logger = logging.getLogger(__name__)
 MOST_WAITING = 16

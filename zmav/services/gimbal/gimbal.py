@@ -25,11 +25,10 @@ from zmav.services.authority.may_move import MayMove
 from zmav.services.authority.pilot import UNHEARD
 from zmav.services.authority.targets import MAX_ANGLE, number, resolve
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
 from zmav.services.link.reported import FRESH, fields_of
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Handler, Report
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 INFORMATION, STATUS = "GIMBAL_MANAGER_INFORMATION", "GIMBAL_MANAGER_STATUS"
 NEUTRAL, LEVEL, LOCK = 2, 4 | 8, 16

@@ -8,7 +8,7 @@ from typing import Any
 
 from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 Handler = Callable[[Mapping[str, Any], Frame], object]
 

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 from zmav.autopilots import Autopilot, Command, autopilot_for, kind_of
 from zmav.mavlink import Frame, decode
-from zmav.services.link.port import Port, on_loop
+from zmav.services.link.port import Port
 from zmav.services.link.reported import INTENTION_LASTS, in_the_air
 from zmav.services.status.events import Events
+from zmav.waiting import on_loop
 
 VERSION = Command("MAV_CMD_REQUEST_MESSAGE", (148.0,))
 """AUTOPILOT_VERSION"""

@@ -15,8 +15,7 @@ from zmav.bus import Bus
 from zmav.links import Link
 from zmav.mavlink import Dialect, Frame, Splitter, decode
 from zmav.mavlink.signing import Signing
-from zmav.waiting import on_loop as on_loop
-from zmav.waiting import within
+from zmav.waiting import on_loop, within
 
 Listener = Callable[[Frame], None]
 BUSY_S = 1.0

@@ -19,7 +19,7 @@ from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
 from zmav.services.link.clock import AutopilotClock
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.port import on_loop
+from zmav.waiting import on_loop
 
 SETTLED_EVERY = 1.0
 """s between questions; while answers come and the clock has not settled, every tick asks"""

@@ -21,14 +21,13 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput, Forbidden, Refused, ZmavError
-from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.outcomes import Outcomes
 from zmav.services.queries.proven import Answers, attached
 from zmav.services.queries.questions import Questions, Reply, Steps, refuse_parameters
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, on_loop
 from zmav.wire.orders import UNKNOWN
 
 logger = logging.getLogger(__name__)

@@ -25,8 +25,8 @@ import zenoh
 from zmav import keys
 from zmav.mavlink import Dialect
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
 from zmav.session import is_read
+from zmav.waiting import on_loop
 
 PLAIN_HZ = 4.0
 """the rate a subscriber without a token is taken to want"""

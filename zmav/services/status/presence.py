@@ -17,12 +17,12 @@ from zmav import keys, wire
 from zmav.errors import BadKey, Clash, ZmavError
 from zmav.services.companion import Companion
 from zmav.services.link.identity import Identity, VehicleChanged
-from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import challenge_vehicle
 from zmav.tokens import TokenTable
 from zmav.trust.certificate import Role
 from zmav.trust.proof import Signer
 from zmav.trust.verify import Verifier
+from zmav.waiting import on_loop
 
 NOBODY = "-"
 UID_GRACE = 2.0

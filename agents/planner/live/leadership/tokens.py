@@ -12,11 +12,11 @@ from agents.planner.live.context import Context
 from agents.planner.live.leadership.election import Token
 from zmav import keys
 from zmav.errors import BadKey, Forbidden
-from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import attached
 from zmav.trust.member import Member, Place
 from zmav.trust.rights import SPEAKERS
 from zmav.trust.verify import BUSY
+from zmav.waiting import on_loop
 
 ROLE, CHIEF, STANDBY = "planner", "planner", "standby"
 """the token's role, and its word on who is in charge"""
