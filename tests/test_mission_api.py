@@ -121,6 +121,6 @@ async def test_many_items_over_a_lossy_link(scene: Scene) -> None:
         link = f"lossy:{fast.urls[0]}?loss=0.2&delay=0.02&seed=3"
         quad, agent = await scene(stack.enter_async_context, fast, link)
         agent.missions.pace = TransferTimes(reply=0.07, shortest=0.02, longest=0.15)
-        done = await quad.missions.upload(waypoints(30))
+        done = await quad.missions.upload(waypoints(60))
         assert done["mission"]["known_by"] == "read back"
-        assert (await quad.missions.download()).items == waypoints(30)
+        assert (await quad.missions.download()).items == waypoints(60)

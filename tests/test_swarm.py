@@ -64,7 +64,8 @@ async def test_the_disarmed_is_left_out_and_done_is_landed() -> None:
     """Nobody plans: each returns by itself, which is said."""
     async with airborne(PLACES, 5.0) as fleet:
         fleet.world.set_speed(6.0)
-        await fleet.z.vehicle("quad3").land()
+        (landed,) = await FleetOrder(fleet.z, [fleet.z.vehicle("quad3")], "land", wire.Order()).run()
+        assert (landed.status, landed.text) == ("done", "done: landed and disarmed")
         before = fleet.world.vehicles[2].status().mode
         async with over(fleet) as modes:
             order = await give(fleet, modes)

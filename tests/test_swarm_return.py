@@ -107,7 +107,7 @@ async def test_who_flies_somewhere_is_stopped_at_once() -> None:
     """It holds while no planner has said a word. On PX4 that is a mode, which the events tell in its order."""
     async with airborne([(0.0, 0.0), (0.0, 9.0)], 6.0, autopilot="px4") as fleet:
         session = open_session(SessionSettings(connect=[fleet.endpoint]))
-        for slow in (False, True):  # a planner that is silent; none at all
+        for slow in (False, True):  # no planner at all; one that is silent
             events = Samples(session, keys.EVENT.key("demo", "*"))
             flying = [asyncio.Event() for _ in fleet.names]
             streams = [
