@@ -50,7 +50,8 @@ class Durations:
         self._failed: set[str] = set()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self._took_s[report.nodeid] = self._took_s.get(report.nodeid, 0.0) + report.duration
+        if not isinstance(report, pytest.SubtestReport):  # whose time is its test's
+            self._took_s[report.nodeid] = self._took_s.get(report.nodeid, 0.0) + report.duration
         if report.failed:
             self._failed.add(report.nodeid)
         elif report.when == "call" and report.passed:

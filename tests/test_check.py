@@ -96,8 +96,14 @@ def test_what_changed_is_what_differs_from_the_merge_base(tree: Path) -> None:
     assert changed_files(tree, "work") == ["zmav/new.py", "zmav/wire.py"]
 
 
-def report(name: str, when: Literal["setup", "call"], outcome: Literal["passed", "failed"], took: float) -> TestReport:
-    return TestReport(name, ("a.py", 1, "a"), {}, outcome, None, when, duration=took)
+def report(
+    name: str,
+    when: Literal["setup", "call"],
+    outcome: Literal["passed", "failed"],
+    took: float,
+    kind: type[TestReport] = TestReport,
+) -> TestReport:
+    return kind(name, ("a.py", 1, "a"), {}, outcome, None, when, duration=took)
 
 
 def test_the_least_that_a_passed_test_ever_took_is_kept(tmp_path: Path) -> None:
@@ -105,6 +111,7 @@ def test_the_least_that_a_passed_test_ever_took_is_kept(tmp_path: Path) -> None:
     for call_s, least_s in ((2.0, 2.5), (0.25, 0.75), (4.0, 0.75)):
         durations = Durations(path)
         durations.pytest_runtest_logreport(report("a", "setup", "passed", 0.5))
+        durations.pytest_runtest_logreport(report("a", "call", "passed", call_s, pytest.SubtestReport))
         durations.pytest_runtest_logreport(report("a", "call", "passed", call_s))
         durations.pytest_runtest_logreport(report("interrupted", "setup", "passed", 0.5))
         durations.pytest_sessionfinish()

@@ -201,15 +201,19 @@ def vehicle(shared_vehicle: Vehicle) -> Iterator[Vehicle]:
     left = shared_vehicle.sim.status()
     if left.armed or left.mode != "STABILIZE":
         shared_vehicle.world.set_speed(SPEED)
-        for order in (("land",), ("set_mode", "mode=STABILIZE")):
-            shared_vehicle.zmav("do", "quad1", *order)
-        shared_vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
-        shared_vehicle.world.set_speed(1.0)
+        try:
+            for order in (("land",), ("set_mode", "mode=STABILIZE")):
+                shared_vehicle.zmav("do", "quad1", *order)
+            shared_vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
+        finally:
+            shared_vehicle.world.set_speed(1.0)
 
 
 @pytest.fixture
 def hurried(vehicle: Vehicle) -> Iterator[None]:
-    """For a test that flies quad1: eight times as much is simulated, and sent to its agent, as the others need."""
+    """For a test that flies quad1, or waits for many of its frames: eight times as much is simulated, and sent to its
+    agent, as the others need.
+    """
     vehicle.world.set_speed(SPEED)
     yield
     vehicle.world.set_speed(1.0)

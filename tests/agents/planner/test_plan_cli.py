@@ -106,8 +106,10 @@ def test_a_first_plan_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
         assert (plans / path.name).with_suffix(".png").exists()
 
 
-def test_without_a_file_the_plan_goes_to_standard_output(scene: Path) -> None:
-    done = zmav_plan(scene)
+def test_without_a_file_the_plan_goes_to_standard_output(scene: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "plan.png"
+    done = zmav_plan(scene, "--picture", picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
     assert checker.check(json.loads(scene.read_bytes()), json.loads(done.stdout)) == set()
     assert "swap: 6 vehicles" in done.stderr
     again = zmav_plan(scene, "-o", "-", "--json", "--seed", 0)

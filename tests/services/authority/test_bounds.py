@@ -322,7 +322,6 @@ BAD_ITEMS: list[tuple[dict[str, Any], str]] = [
     ({"command": "MAV_CMD_NAV_LAND", "x": -35.46, "y": HERE_Y, "z": 0.0}, "item 1: pos: .* beyond"),
 ]
 
-
 BEGINNINGS: dict[str, tuple[str, dict[str, Any]]] = {
     "mission_start": ("mission_start", {}),
     "set_mode": ("set_mode", {"mode": "AUTO"}),
@@ -334,20 +333,23 @@ BEGINNINGS: dict[str, tuple[str, dict[str, Any]]] = {
 
 @pytest.mark.parametrize(("item", "why"), BAD_ITEMS)
 async def test_a_mission_that_leaves_the_field_is_not_begun(
-    mission_bench: MissionBench, item: dict[str, Any], why: str
+    mission_bench: MissionBench, subtests: pytest.Subtests, item: dict[str, Any], why: str
 ) -> None:
     b, peer = await mission_bench("ardupilot")
     good = {"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0}
     await b.ground.do("mission_upload", kind="mission", items=[good, item])
     await b.flying()
     for how, (verb, args) in BEGINNINGS.items():
-        with pytest.raises(BadInput, match=why):
-            await b.ground.do(verb, **args)
-        assert peer.mode == GUIDED, how
+        with subtests.test(how):
+            with pytest.raises(BadInput, match=why):
+                await b.ground.do(verb, **args)
+            assert peer.mode == GUIDED
 
 
 @pytest.mark.parametrize("armed", [False, True])
-async def test_a_rally_point_beyond_the_field_is_not_taken(mission_bench: MissionBench, *, armed: bool) -> None:
+async def test_a_rally_point_beyond_the_field_is_not_taken(
+    mission_bench: MissionBench, subtests: pytest.Subtests, *, armed: bool
+) -> None:
     """A return or a failsafe leads there, and nobody is asked then."""
     b, peer = await mission_bench("ardupilot")
     await (b.flying() if armed else b.connected())
@@ -357,13 +359,15 @@ async def test_a_rally_point_beyond_the_field_is_not_taken(mission_bench: Missio
         ({"z": -20.0}, "under the ground"),
         ({"z": 500.0}, "over the ceiling"),
     ):
-        with pytest.raises(BadInput, match=f"item 1: pos: .*{why}"):
+        with subtests.test(why), pytest.raises(BadInput, match=f"item 1: pos: .*{why}"):
             await b.ground.do("mission_upload", kind="rally", items=[point, point | bad])
     assert peer.heard("MISSION_COUNT") == []
     await b.ground.do("mission_upload", kind="rally", items=[point])
 
 
-async def test_a_mission_that_leaves_the_field_is_not_taken_in_flight(mission_bench: MissionBench) -> None:
+async def test_a_mission_that_leaves_the_field_is_not_taken_in_flight(
+    mission_bench: MissionBench, subtests: pytest.Subtests
+) -> None:
     """In AUTO it would be flown as soon as it is there."""
     b, peer = await mission_bench("ardupilot")
     good = {"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0}
@@ -372,14 +376,14 @@ async def test_a_mission_that_leaves_the_field_is_not_taken_in_flight(mission_be
     peer.mode = AUTO
     await b.state(lambda s: s["mode"] == "AUTO", "AUTO")
     for item, why in BAD_ITEMS:
-        with pytest.raises(BadInput, match=why):
+        with subtests.test(why), pytest.raises(BadInput, match=why):
             await b.ground.do("mission_upload", kind="mission", items=[good, item])
     assert len(peer.heard("MISSION_COUNT")) == 1
-    for item, _ in BAD_ITEMS:
+    for item, why in BAD_ITEMS:
         await b.ground.do("mission_upload", kind="mission", items=[good])
         assert len(peer.plans[0]) == 2  # home first
         await b.ground.do("mission_upload", kind="mission", items=[good, item], force=True)
-        assert len(peer.plans[0]) == 3
+        assert len(peer.plans[0]) == 3, why
 
 
 HOME_AMSL = 600.0
@@ -400,7 +404,9 @@ BAD_HOMES = [
 ]
 
 
-async def test_a_home_beyond_the_field_or_far_above_or_below_it_is_not_set(mission_bench: MissionBench) -> None:
+async def test_a_home_beyond_the_field_or_far_above_or_below_it_is_not_set(
+    mission_bench: MissionBench, subtests: pytest.Subtests
+) -> None:
     """A return leads there, and all heights count from it."""
     b, peer = await mission_bench("ardupilot")
     await b.flying()
@@ -409,7 +415,7 @@ async def test_a_home_beyond_the_field_or_far_above_or_below_it_is_not_set(missi
     peer.send("GLOBAL_POSITION_INT", lat=-353600000, lon=1491600000, alt=650000, relative_alt=50000)
     await b.state(lambda s: (s["position"] or {}).get("alt_rel") == 50.0, "a place 50 m up")
     for order, why in BAD_HOMES:
-        with pytest.raises(BadInput, match=why):
+        with subtests.test(order=order), pytest.raises(BadInput, match=why):
             await b.ground.do("command", **order)
     item = {"command": "MAV_CMD_DO_SET_HOME", "params": [0, 0, 0, 0], "x": -35.46, "y": HERE_Y, "z": HOME_AMSL}
     with pytest.raises(BadInput, match=r"item 0: pos: .* beyond"):
@@ -419,7 +425,7 @@ async def test_a_home_beyond_the_field_or_far_above_or_below_it_is_not_set(missi
     assert len(sets_of_home(peer)) == 2
     for count, (order, _) in enumerate(BAD_HOMES, 3):
         await b.ground.do("command", **order, force=True)
-        assert len(sets_of_home(peer)) == count
+        assert len(sets_of_home(peer)) == count, order
 
 
 def sets_of_home(peer: Any) -> list[Any]:

@@ -288,7 +288,9 @@ JUDGED: dict[str, str | tuple[str, Any]] = {
 """what moves a vehicle, and how it is asked to lead it into the ridge; or why it cannot"""
 
 
-async def test_each_order_that_moves_is_held_above_the_ground(mission_bench: MissionBench, tmp_path: Path) -> None:
+async def test_each_order_that_moves_is_held_above_the_ground(
+    mission_bench: MissionBench, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
     """What makes safe (hold, land, rtl, disarm) is asked of nothing; a new order that moves must be listed here."""
     assert JUDGED.keys() == {verb.name for verb in VERBS.values() if verb.access is Access.MOVE}
     fill(tmp_path)
@@ -302,9 +304,10 @@ async def test_each_order_that_moves_is_held_above_the_ground(mission_bench: Mis
         await flying(b)
         more: dict[str, Any] = {"params": {"param5": lat, "param6": lon, "param7": None}} if verb == "command" else {}
         more |= {"arrive": False} if verb == "goto" else {}
-        with pytest.raises(BadInput, match="under the ground") as caught:
-            await b.ground.do(verb, **{told[0]: told[1]}, **more)
-        assert caught.value.detail["count"] == "ground"
+        with subtests.test(verb):
+            with pytest.raises(BadInput, match="under the ground") as caught:
+                await b.ground.do(verb, **{told[0]: told[1]}, **more)
+            assert caught.value.detail["count"] == "ground"
     with pytest.raises(BadInput, match="under the ground"):
         await b.ground.do("mission_upload", kind="mission", items=[item(300, 30), item(600, 30)])
 

@@ -129,13 +129,14 @@ WRONG: list[tuple[dict[str, object], str]] = [
 ]
 
 
-async def test_wrong_requests(bench: StartBench) -> None:
+async def test_wrong_requests(bench: StartBench, subtests: pytest.Subtests) -> None:
     b = await (await bench()).connected()
     for args, field in WRONG:
-        with pytest.raises(BadInput) as e:
-            await b.ground.do("lease", **args)
-        assert e.value.detail["field"] == field
-        assert b.vehicle.leases.holder is None
+        with subtests.test(args=args):
+            with pytest.raises(BadInput) as e:
+                await b.ground.do("lease", **args)
+            assert e.value.detail["field"] == field
+            assert b.vehicle.leases.holder is None
 
 
 async def test_only_a_higher_priority_takes_it(bench: StartBench) -> None:

@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+import pytest
+
 import zmav
 from zmav.client import Client
 from zmav.onboard import Onboard
@@ -85,3 +87,12 @@ def noise(size: int, seed: int = 1) -> bytes:
         value = (value * 6364136223846793005 + 1442695040888963407) % (1 << 64)
         out += value.to_bytes(8, "little")
     return bytes(out[:size])
+
+
+def same(found: bytes, wanted: bytes) -> None:
+    """Compare long ones: pytest itself shows the beginning of both, or all, and neither says where to look."""
+    if found != wanted:
+        least = min(len(found), len(wanted))
+        at = next((n for n in range(least) if found[n] != wanted[n]), least)
+        there = f"{found[at : at + 20]!r}, not {wanted[at : at + 20]!r}"
+        pytest.fail(f"{len(found)} bytes, not {len(wanted)}; from {at} on {there}")

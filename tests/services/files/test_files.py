@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.files.disk import PATIENCE_S, Disk, disk, noise
+from tests.services.files.disk import PATIENCE_S, Disk, disk, noise, same
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, Refused, ZmavError
@@ -52,7 +52,7 @@ async def test_an_interrupted_get_goes_on_where_it_stopped(net: Net, onboard: St
         d.onboard.files.store = Store(d.onboard.files.store.directory)  # as after a restart of the companion
         stored = await fetch(d, "/APM/f")
         assert (stored.resumed, stored.verified, stored.crc32) == (have, True, crc32(data))
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes(), data)
 
 
 async def test_what_is_another_file_by_now_is_begun_again(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ async def test_what_is_another_file_by_now_is_begun_again(net: Net, onboard: Sta
         stored = await d.onboard.files.fetch("/APM/f", lambda news: said.append(news.get("bytes", 0)))
         assert next(filter(None, said)) < have
         assert (stored.resumed, stored.verified) == (0, True)
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes(), data)
 
 
 async def test_a_file_that_is_here_already_is_not_fetched_again(
@@ -130,14 +130,17 @@ HOSTILE = [
 ]
 
 
-async def test_hostile_reads_are_refused(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+async def test_hostile_reads_are_refused(
+    net: Net, onboard: StartOnboard, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
     async with disk(net, onboard, tmp_path) as d:
         for file, offset, payload, field in HOSTILE:
-            (reply,) = await d.ground.ask(keys.FILE_CHUNK.key("demo", "quad1", file=file, offset=offset), payload)
-            assert reply.err is not None, (file, offset, payload)
-            error = wire.error_from(reply.err.payload.to_bytes())
-            assert isinstance(error, BadInput)
-            assert error.detail["field"] == field
+            with subtests.test(file=file, offset=offset, payload=payload):
+                (reply,) = await d.ground.ask(keys.FILE_CHUNK.key("demo", "quad1", file=file, offset=offset), payload)
+                assert reply.err is not None
+                error = wire.error_from(reply.err.payload.to_bytes())
+                assert isinstance(error, BadInput)
+                assert error.detail["field"] == field
 
 
 async def test_the_ground_goes_on_with_its_part(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -146,7 +149,7 @@ async def test_the_ground_goes_on_with_its_part(net: Net, onboard: StartOnboard,
         part = tmp_path / f"f.{crc32(data):08x}{PART}"
         part.write_bytes(data[:250_000])
         said: list[dict[str, Any]] = []
-        assert (await d.v.files.get("/APM/f", tmp_path / "f", said.append)).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f", said.append)).read_bytes(), data)
         here = [news["bytes"] for news in said if news["stage"] == "network"]
         assert here
         assert min(here) > 250_000
@@ -161,7 +164,7 @@ async def test_a_part_with_errors_is_not_taken_for_the_file(net: Net, onboard: S
         with pytest.raises(ZmavError, match="came with errors"):
             await d.v.files.get("/APM/f", tmp_path / "f")
         assert not (tmp_path / "f").exists()
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes(), data)
 
 
 async def test_a_download_lands_where_it_is_told_and_nowhere_else(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.packed_params import unpack_params
-from tests.services.files.disk import PATIENCE_S, disk, noise
+from tests.services.files.disk import PATIENCE_S, disk, noise, same
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink import ftp
@@ -29,10 +29,10 @@ async def test_a_file_there_and_back_and_all_that_can_be_done_with_it(
         await files.mkdir("/APM/new")
         result = await files.put_bytes(data, "/APM/new/a.bin")
         assert (result["size"], result["verified"]) == (len(data), True)
-        assert d.there("/APM/new/a.bin") == data
+        same(d.there("/APM/new/a.bin"), data)
         target = await files.get("/APM/new/a.bin", tmp_path / "here.bin")
         assert target == tmp_path / "here.bin"
-        assert target.read_bytes() == data
+        same(target.read_bytes(), data)
         (entry,) = await files.list("/APM/new/")
         assert (entry.name, entry.size, entry.directory) == ("a.bin", len(data), False)
         with pytest.raises(Refused, match="not empty"):
@@ -54,13 +54,14 @@ async def test_long_listings_come_in_pieces_and_an_empty_one_is_empty(
         assert [e.name for e in await d.v.files.list("/APM/terrain")] == names
 
 
-async def test_sizes_at_the_edges(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+async def test_sizes_at_the_edges(net: Net, onboard: StartOnboard, tmp_path: Path, subtests: pytest.Subtests) -> None:
     async with disk(net, onboard, tmp_path) as d:
         for size in (0, 1, 239, 240, 478, 239 * 500, 239 * 500 + 1):
-            data = d.put(f"/APM/f{size}", noise(size))
-            assert (await d.v.files.get(f"/APM/f{size}", tmp_path / f"f{size}")).read_bytes() == data
-            await d.v.files.put_bytes(data, f"/APM/g{size}")
-            assert d.there(f"/APM/g{size}") == data
+            with subtests.test(size=size):
+                data = d.put(f"/APM/f{size}", noise(size))
+                same((await d.v.files.get(f"/APM/f{size}", tmp_path / f"f{size}")).read_bytes(), data)
+                await d.v.files.put_bytes(data, f"/APM/g{size}")
+                same(d.there(f"/APM/g{size}"), data)
 
 
 async def test_what_the_server_refuses_is_said_in_words(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -81,10 +82,10 @@ async def test_what_the_server_refuses_is_said_in_words(net: Net, onboard: Start
 async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
     async with disk(net, onboard, tmp_path, "lossy:{}?loss=0.2&delay=0.02&seed=5") as d:
         data = d.put("/APM/f", noise(12_000))
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes(), data)
         result = await d.v.files.put_bytes(data[:2_000], "/APM/g")
         assert result["verified"]
-        assert d.there("/APM/g") == data[:2_000]
+        same(d.there("/APM/g"), data[:2_000])
         assert d.idle
 
 
@@ -94,7 +95,7 @@ async def test_a_server_that_cannot_burst_is_read_piece_by_piece(
     async with disk(net, onboard, tmp_path) as d:
         data = d.put("/APM/f", noise(20_000))
         d.storage.ftp.faults.refuse[Op.BURST_READ_FILE] = Nak.UNKNOWN_COMMAND
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes(), data)
 
 
 async def test_without_a_checksum_a_file_comes_all_the_same(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -152,7 +153,7 @@ async def test_what_is_cancelled_is_the_transfer_under_way_and_none_that_waits(
         assert await d.v.files.cancel() == "getting /APM/f"
         with pytest.raises(Refused, match="superseded"):
             await first
-        assert (await second).read_bytes() == other
+        same((await second).read_bytes(), other)
 
 
 async def test_a_transfer_that_waits_for_what_is_none_is_not_cancelled(
@@ -166,7 +167,7 @@ async def test_a_transfer_that_waits_for_what_is_none_is_not_cancelled(
             )
             await asyncio.wait_for(waits.wait(), PATIENCE_S)
             assert await d.v.files.cancel() is None
-        assert (await waiting).read_bytes() == data
+        same((await waiting).read_bytes(), data)
 
 
 async def test_a_put_is_cancelled_while_its_checksum_is_asked_for_too(
@@ -245,7 +246,7 @@ async def test_another_clients_session_is_waited_for_and_respected(
             assert (await other.ask(Op.READ_FILE, offset=0, size=10)).data == data[:10]
             assert address[1] != 7
         # Three simulated seconds later the server takes it for gone.
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        same((await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes(), data)
 
 
 async def test_sequence_numbers_go_round(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:

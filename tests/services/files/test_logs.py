@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.files.disk import PATIENCE_S, Disk, disk, noise
+from tests.services.files.disk import PATIENCE_S, Disk, disk, noise, same
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink.ftp import crc32
@@ -49,17 +49,18 @@ async def test_a_log_comes_whole(net: Net, onboard: StartOnboard, tmp_path: Path
         said: list[dict[str, Any]] = []
         target = await d.v.logs.get(entry, tmp_path, said.append)
         assert target == tmp_path / entry.name
-        assert target.read_bytes() == data
+        same(target.read_bytes(), data)
         assert {news["stage"] for news in said} <= {"autopilot", "network"}
         stored = await get(d, 2)
         assert (stored.by, stored.crc32) == ("store", crc32(data))
 
 
-async def test_sizes_at_the_edges(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+async def test_sizes_at_the_edges(net: Net, onboard: StartOnboard, tmp_path: Path, subtests: pytest.Subtests) -> None:
     async with disk(net, onboard, tmp_path) as d:
         for number, size in enumerate((0, 1, 89, 90, 91, 90 * 8, 90 * 9), 1):
-            data = d.log(noise(size))
-            assert (await d.v.logs.get(number, tmp_path / f"log{number}")).read_bytes() == data
+            with subtests.test(size=size):
+                data = d.log(noise(size))
+                same((await d.v.logs.get(number, tmp_path / f"log{number}")).read_bytes(), data)
 
 
 async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -67,7 +68,7 @@ async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOn
         d.log(noise(10))
         data = d.log(noise(40_000))
         assert len(await d.v.logs.list()) == 2
-        assert (await d.v.logs.get(2, tmp_path / "log")).read_bytes() == data
+        same((await d.v.logs.get(2, tmp_path / "log")).read_bytes(), data)
 
 
 async def test_an_interrupted_log_is_gone_on_with(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:

@@ -319,12 +319,15 @@ BAD_ITEMS: list[tuple[str, list[dict[str, Any]], str]] = [
 ]
 
 
-async def test_bad_items_are_named_before_anything_is_sent(mission_bench: MissionBench) -> None:
+async def test_bad_items_are_named_before_anything_is_sent(
+    mission_bench: MissionBench, subtests: pytest.Subtests
+) -> None:
     b, peer = await mission_bench("ardupilot")
     for kind, items, words in BAD_ITEMS:
-        with pytest.raises(BadInput, match=words) as caught:
-            await b.ground.do("mission_upload", kind=kind, items=items)
-        assert caught.value.detail["faults"]
+        with subtests.test(words):
+            with pytest.raises(BadInput, match=words) as caught:
+                await b.ground.do("mission_upload", kind=kind, items=items)
+            assert caught.value.detail["faults"]
     assert not [told for told in peer.told if told.name.startswith("MISSION_")]
 
 

@@ -53,15 +53,16 @@ CANNOT_BE: list[tuple[str, dict[str, Any], str]] = [
 ]
 
 
-async def test_what_cannot_be_is_not_sent(bench: StartBench) -> None:
+async def test_what_cannot_be_is_not_sent(bench: StartBench, subtests: pytest.Subtests) -> None:
     b = await (await bench()).connected()
     b.peer.armed = True
     await b.state(lambda s: s["armed"] is True, "armed")
     before = len([t for t in b.peer.told if t.name.startswith("COMMAND") and t.fields["command"] not in (511, 512)])
     for verb, args, field in CANNOT_BE:
-        with pytest.raises(BadInput) as caught:
-            await b.ground.do(verb, **args)
-        assert caught.value.detail["field"] == field
+        with subtests.test(verb, **args):
+            with pytest.raises(BadInput) as caught:
+                await b.ground.do(verb, **args)
+            assert caught.value.detail["field"] == field
     told = [t for t in b.peer.told if t.name.startswith("COMMAND") and t.fields["command"] not in (511, 512)]
     assert len(told) == before
 

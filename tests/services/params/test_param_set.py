@@ -62,13 +62,13 @@ UNFIT: list[tuple[str, float, str]] = [
 ]
 
 
-async def test_what_does_not_fit_is_refused_before_it_is_sent(scene: StartScene) -> None:
+async def test_what_does_not_fit_is_refused_before_it_is_sent(scene: StartScene, subtests: pytest.Subtests) -> None:
     s = await (await scene()).read()
     for name, value, words in UNFIT:
-        with pytest.raises(BadInput, match=words):
+        with subtests.test(name=name, value=value), pytest.raises(BadInput, match=words):
             await s.b.ground.do("param_set", name=name, value=value)
     for payload in (b'{"name":"RTL_ALT","value":NaN}', b'{"name":"RTL_ALT","value":"5"}', b'{"value":1}'):
-        with pytest.raises(BadInput):
+        with subtests.test(payload=payload), pytest.raises(BadInput):
             await s.b.ground.do("param_set", payload)
     assert s.peer.heard("PARAM_SET") == []
 

@@ -66,13 +66,14 @@ UNHEARD = [
 ]
 
 
-async def test_what_was_not_heard(bench: StartBench) -> None:
+async def test_what_was_not_heard(bench: StartBench, subtests: pytest.Subtests) -> None:
     b = await (await bench()).connected()
     await b.state(lambda s: True, "the acknowledgements of what it was asked")
     for name, words in UNHEARD:
-        with pytest.raises(BadInput) as e:
-            await last(b, name)
-        assert words in e.value.message
+        with subtests.test(name):
+            with pytest.raises(BadInput) as e:
+                await last(b, name)
+            assert words in e.value.message
 
 
 async def test_all_of_them_and_some(bench: StartBench) -> None:
