@@ -129,7 +129,7 @@ NOT_RUN: dict[str, str] = {
     r"docs/matlab.md: zmav (sim|up|http)\b.*": "README.md and docs/http.md have them run; tests/ground/matlab",
     r"docs/concepts.md: zmav (ls|echo 'quad\*/ATTITUDE' -n 1)": "README.md has them run",
     r"docs/(gcs.md: zmav gcs|mesh.md: zmav mesh config .*|planner.md: zmav swarm list)": ("README.md has them run"),
-    r"docs/planner-files.md: zmav plan scene.json --picture plan.png": "README.md has it run, with -o",
+    r"docs/planner-files.md: zmav plan scene.json --picture plan.png": "tests/agents/planner/test_plan_cli.py",
     r"zmav demo (?!--list$).*": "minutes of flight: tests/agents/demo",
     r"zmav doctor( --file .*| --link .*)": "looks at a vehicle's own computer: tests/cli/test_doctor_fleet.py",
     r"zmav hil .*": "asks a person, and wants an autopilot: tests/agents/hil",
