@@ -67,8 +67,9 @@ test: style $(if $(filter yes,$(PREPARED)),,prepare) ## check style, format and 
 # alone, as it looks for them: those that changed since it last did.
 prepare: $(VENV)/.dev ## compile what the tests use; then 'make test PREPARED=yes'
 	@touch $(VENV)/.compiling; \
-	    changed=$$(find tests -name 'test_*.py' $(if $(wildcard $(VENV)/.compiled),-newer $(VENV)/.compiled)); \
-	    { $(BIN)/python -m compileall -q -x '/test_\w+\.py' $(PACKAGES); [ -z "$$changed" ] || \
+	    changed=$$(find tests \( -name 'test_*.py' -o -name conftest.py \) \
+	        $(if $(and $(wildcard tests/__pycache__),$(wildcard $(VENV)/.compiled)),-newer $(VENV)/.compiled)); \
+	    { $(BIN)/python -m compileall -q -x '/(test_\w+|conftest)\.py' $(PACKAGES); [ -z "$$changed" ] || \
 	        $(BIN)/python -m pytest --collect-only -qq $$changed; } > /dev/null 2>&1 & modules=$$!; \
 	    $(WARM); compiled=$$?; wait $$modules || :; mv $(VENV)/.compiling $(VENV)/.compiled; exit $$compiled
 

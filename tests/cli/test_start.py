@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -65,6 +66,19 @@ def test_help_says_of_a_verb_what_the_verb_says(name: str) -> None:
     assert about is not None
     assert command is not None
     assert click.Command(name, help=about).get_short_help_str(300) == command.get_short_help_str(300)
+
+
+def test_of_verbs_of_one_name_ours_is_told_of_and_found_beside_folders_that_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "other-1.dist-info"
+    other.mkdir()
+    (other / "METADATA").write_text("Name: other\nVersion: 1\n")
+    (other / "entry_points.txt").write_text("[zmav.verbs]\nup = json.tool:main\n")
+    monkeypatch.setattr(sys, "path", ["x" * 300, *sys.path, str(tmp_path)])  # the first: OSError, whoever reads it
+    verbs = Verbs("zmav", points="zmav.verbs")
+    assert verbs.get_command(click.Context(verbs), "up") is cli.zmav.get_command(click.Context(cli.zmav), "up")
+    assert verbs.about("up") == cli.zmav.about("up") is not None
 
 
 def test_ls_ends_once_all_have_answered(vehicle: Vehicle) -> None:

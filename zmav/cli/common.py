@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import itertools
@@ -55,14 +56,17 @@ class Verbs(click.Group):
 
         return {point.name: point for point in entry_points(group=self._group)} if self._group else {}
 
-    def _own(self, name: str) -> str | None:
-        """MODULE:NAME of such a verb that is installed with this package. It is read here, because importlib.metadata
+    @functools.cached_property
+    def _own(self) -> dict[str, str]:
+        """MODULE:NAME of such verbs that are installed with this package. It is read here, because importlib.metadata
         takes 1.6 MB for as long as the program runs, and an agent on a vehicle needs nothing else of it.
         """
-        files = (file for folder in sys.path for file in Path(folder).glob("zmav-*.dist-info/entry_points.txt"))
-        text = next((file.read_text("utf-8") for file in files), "")
-        group = text.partition(f"[{self._group}]")[2].partition("[")[0]
-        return next((line.partition(" = ")[2] for line in group.splitlines() if line.startswith(f"{name} = ")), None)
+        for folder in sys.path if self._group else ():
+            with contextlib.suppress(OSError):  # who runs a verb may not be allowed to read all of them
+                for file in Path(folder).glob("zmav-*.dist-info/entry_points.txt"):
+                    group = file.read_text("utf-8").partition(f"[{self._group}]")[2].partition("[")[0]
+                    return dict(line.split(" = ", 1) for line in group.splitlines() if " = " in line)
+        return {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted({*super().list_commands(ctx), *self._files, *self._points})
@@ -70,8 +74,8 @@ class Verbs(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name in self._files:
             found = importlib.import_module(f"{self._package}.{name}").command
-        elif (place := self._own(name)) is not None:
-            module, _, function = place.partition(":")
+        elif name in self._own:
+            module, _, function = self._own[name].partition(":")
             found = getattr(importlib.import_module(module), function)
         elif name in self._points:
             found = self._points[name].load()
@@ -92,10 +96,11 @@ class Verbs(click.Group):
 
     def about(self, name: str) -> str | None:
         """The docstring of a verb's function, found without running its file; None where it is not found so."""
-        module, function = f"{self._package}.{name}", "command"
-        if name in self._points:
-            module, _, function = self._points[name].value.partition(":")
-        elif name not in self._files:
+        if name in self._files:
+            module, function = f"{self._package}.{name}", "command"
+        elif name in self._own or name in self._points:
+            module, _, function = (self._own.get(name) or self._points[name].value).partition(":")
+        else:
             return None
         path: Sequence[str] | None = None
         code: CodeType | None = None

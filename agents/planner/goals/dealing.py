@@ -118,7 +118,7 @@ class Dealer:
         for _ in range(ROUNDS):
             before, cuts = cuts, np.interp(np.append(0.0, np.cumsum(shares)) * below[-1], below, places).tolist()
             if cuts == before:
-                break  # as for one alone
+                break  # the same cuts again: so will all further ones be
             made = {i: self._part(i, axis, cuts[k], cuts[k + 1], 0 if along else None) for k, i in enumerate(order)}
             parts = [part for _, part in sorted(made.items()) if part is not None]
             if len(parts) < len(order):

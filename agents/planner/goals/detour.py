@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from agents.planner.model.problem import Floats
 
@@ -22,8 +23,8 @@ class Detours:
         inner = area.buffer(-HUG, join_style="mitre")
         corners = shapely.get_coordinates(inner.simplify(HUG / 2.0)) if not inner.is_empty else np.zeros((0, 2))
         self._corners: Floats = np.unique(np.round(corners, 6), axis=0)
-        self._far: Floats | None = None
-        """(N, N) metres from each corner to each, with what comes before the last on the way"""
+        self._far: tuple[Floats, NDArray[np.int32]] | None = None
+        """(N, N) metres from each corner to each, and which one comes before the last on the way"""
 
     def clear(self, here: Floats, there: Floats) -> bool:
         """Whether the straight way stays within."""
@@ -39,15 +40,16 @@ class Detours:
             from scipy.sparse.csgraph import dijkstra  # takes long to import and is seldom needed
 
             between = self._seen(self._corners, self._corners)
-            self._far, self._before = dijkstra(np.where(np.isfinite(between), between, 0.0), return_predecessors=True)
+            self._far = dijkstra(np.where(np.isfinite(between), between, 0.0), return_predecessors=True)
+        far, before = self._far
         out, back = self._seen(np.vstack((here, there)), self._corners)
-        whole = out[:, None] + self._far + back
+        whole = out[:, None] + far + back
         if not np.isfinite(whole).any():
             return None
         first, last = divmod(int(np.argmin(whole)), len(back))
         chain = [last]
         while chain[-1] != first:
-            chain.append(int(self._before[first, chain[-1]]))
+            chain.append(int(before[first, chain[-1]]))
         return np.vstack((here, self._corners[chain[::-1]], there))
 
     def _seen(self, some: Floats, others: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """What stands still, made ready for many searches, and kept warm from plan to plan for as long as it stays the same.
 
 A way is looked for as a straight line first, then on a coarse lattice, which nearly always has one, then by samples,
-and then on ever finer lattices: on these before, from an end that is walled in.
+and then on ever finer lattices: from an end that is walled in, these come before the samples.
 """
 
 from __future__ import annotations
@@ -151,53 +151,55 @@ class StaticMap:
         self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline | None
     ) -> Path | None:
         """A search that ends soon, or else all of that lattice; then samples, which come through slots that no line of
-        a lattice lies in, and searches on finer lattices; what is found is shortened. ``until`` None: the first only.
+        a lattice lies in, searches on finer lattices, and samples for the rest of the time; what is found is shortened.
+        ``until`` None: the first only.
         """
         world, start, goal = self.world, ends[0], ends[1]
         first = self._layer(0, radius, height)
         path, done = first.search(world, start, goal, rates, 1, FIRST_LOOK)
         if path is None and until is not None and not until.over:
-            path, none = self._out(ends, radius, rates, height, until)
-            if path is None and not none and not done:  # the rest of it takes less than samples do
+            path, none, closed = self._out(ends, radius, rates, height, until)
+            if path is None and not done and not any(closed):  # the rest of it takes less than samples do
                 path, _ = first.search(world, start, goal, rates, 2, MOST_LOOKS)
-            if path is None and height is None:
+            if path is None and height is None and not until.over:
                 path = sampled.find(world, start, goal, radius, until.within(until.left() / 4.0))
-            if path is None and not none:
-                path, _ = self._finer(ends, radius, rates, height, until)
+            if path is None and not none and not closed[-1]:
+                path, none = self._finer(ends, radius, rates, height, until)
+            if path is None and not none and height is None and not until.over:
+                path = sampled.find(world, start, goal, radius, until)
         return None if path is None else shorten.shorten(world, path, radius, rates, SWEEPS)
 
     def _out(
         self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline
-    ) -> tuple[Path | None, bool]:
-        """A way from an end that is walled in, where there is little to look at, however fine the lattice; and whether
-        the finest has none.
+    ) -> tuple[Path | None, bool, list[bool]]:
+        """A way from an end that is walled in, where there is little to look at, however fine the lattice; whether
+        the finest has none; and which ends, the goal first, the first lattice leads nowhere from.
         """
-        layer = self._layer(0, radius, height)
-        path: Path | None = None
-        none, fine = False, layer.spacing < FINEST * radius
-        for way, speeds in ((ends[::-1], rates[[0, 2, 1]]), (ends, rates)):
-            path, done = layer.search(self.world, way[0], way[1], speeds, 2, FIRST_LOOK if fine else FEW_LOOKS)
-            if path is None and done:
-                path, none = (None, True) if fine else self._finer(way, radius, speeds, height, until)
+        layer, closed = self._layer(0, radius, height), list[bool]()
+        for step, speeds in ((-1, rates[[0, 2, 1]]), (1, rates)):
+            way, none = ends[::step], False
+            path, done = layer.search(self.world, way[0], way[1], speeds, 2, FEW_LOOKS)
+            closed.append(path is None and done)
+            if closed[-1]:
+                path, none = self._finer(way, radius, speeds, height, until)
             if path is not None or none:
-                break
-        if path is not None and (path[-1] == ends[0]).all():
-            path = path[::-1].copy()
-        return path, none
+                return None if path is None else path[::step].copy(), none, closed
+        return None, False, closed
 
     def _finer(
         self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline
     ) -> tuple[Path | None, bool]:
-        """A way by ever finer lattices than the first; and whether the finest that is needed has none."""
-        level = 1
+        """A way by ever finer lattices than the first; and whether the finest has none: one more is tried after it."""
+        level, none, more = 1, False, 8 if height is None else 4
         while not until.over:
             layer = self._layer(level, radius, height)
             path, done = layer.search(self.world, ends[0], ends[1], rates, 2, MOST_LOOKS)
-            none, more = path is None and done and layer.spacing < FINEST * radius, 8 if height is None else 4
-            if path is not None or none or layer.lines.size * more > MOST_POINTS:
+            last = path is not None or none or layer.lines.size * more > MOST_POINTS
+            none = path is None and (none or (done and layer.spacing < FINEST * radius))
+            if last:
                 return path, none
             level += 1
-        return None, False
+        return None, none
 
     def _layer(self, level: int, radius: float, height: float | None) -> Layer:
         key = (level, radius, height)

@@ -20,6 +20,7 @@ from agents.planner.solve.paths import lattice, sampled, shorten
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 ROOM: Corners = ((-60, -40, 0), (60, 40, 24))
 LAND: Corners = ((-200, -200, 0), (200, 200, 120))
+YARD: Corners = ((-30, -30, 0), (30, 30, 20))
 RATES = np.array([5.0, 5.0, 5.0])
 
 
@@ -180,14 +181,19 @@ def tent(slot: float) -> list[Obstacle]:
 
 
 @pytest.mark.parametrize("inside", [0, 1], ids=["start", "goal"])
-def test_out_of_what_an_end_is_walled_in_by_or_at_once_no_way(inside: int) -> None:
-    """A minute is given: there is little to look at from that end, whichever it is."""
-    for slot, leads in ((2.3, True), (1.9, False)):
-        there, until = world(*tent(slot), size=LAND), Deadline.after(60.0)
-        ends = [point(1, 2, 0.5), point(180, 20, 0.5)][:: 1 if inside == 0 else -1]
+@pytest.mark.parametrize(("size", "slots"), [(LAND, (2.3, 2.2, 1.9)), (YARD, (2.5, 2.2, 1.9))], ids=["land", "yard"])
+def test_out_of_what_an_end_is_walled_in_by_or_at_once_no_way(
+    inside: int, size: Corners, slots: tuple[float, ...]
+) -> None:
+    """A minute is given: there is little to look at from that end, whichever it is. The second slot is found only where
+    one lattice more is tried than what half a radius asks for, or than the first, where that is as fine.
+    """
+    for slot in slots:
+        there, until = world(*tent(slot), size=size), Deadline.after(60.0)
+        ends = [point(1, 2, 0.5), point(size[1][0] - 3, 20, 0.5)][:: 1 if inside == 0 else -1]
         path = StaticMap(there).path(ends[0], ends[1], 1.0, ROVER, until=until)
         assert until.processor - time.thread_time() > 55.0
-        if leads:
+        if slot > 2.0:
             assert_clear(there, path, ends[0], ends[1], 1.0)
         else:
             assert path is None
