@@ -23,7 +23,7 @@ from zmav.errors import BadConfig, BadMessage, Forbidden
 from zmav.formats.rtcm3 import Cutter, Ecef, Message
 from zmav.waiting import on_loop
 
-GATHER_S, MOST_GATHER_S = 0.05, 0.3
+GATHER_S = 0.05, 0.3
 """s without a message after which a moment is over, and s that it lasts at most: a base's line may be slow"""
 LISTEN_S = 1.5
 """s for which a source that has just begun listens whether another is in charge; most bases speak once a second"""
@@ -49,9 +49,10 @@ class Publisher:
         priority: int = 0,
         patience: float = PATIENCE_S,
         listen: float = LISTEN_S,
+        gather: tuple[float, float] = GATHER_S,
     ) -> None:
         self._z, self._say, self._priority, self._patience = z, say, priority, patience
-        self._speaks_at = time.monotonic() + listen
+        self._speaks_at, self._gather = time.monotonic() + listen, gather
         self.name = name[:MOST_NAME]
         self._key = key_of(z)
         self._instance = random.getrandbits(32)
@@ -128,7 +129,8 @@ class Publisher:
         else:
             self._flush.cancel()
         if self._gathered:
-            left = min(GATHER_S, self._began + MOST_GATHER_S - now)
+            pause, most = self._gather
+            left = min(pause, self._began + most - now)
             self._flush = asyncio.get_running_loop().call_later(left, self._send, self._began_utc)
 
     def _has_room(self, size: int, now: float) -> bool:

@@ -41,19 +41,24 @@ async def test_a_moment_is_one_batch_and_byte_for_byte(fleet: Fleet) -> None:
 
 
 async def test_a_base_with_a_slow_line_has_one_moment_too(fleet: Fleet) -> None:
-    """Its messages come one after the other; one that never pauses is not waited for."""
-    data = [message(1000 + number, size=60) for number in range(20)]
-    async with fleet.publisher("gs") as one:
-        for each in data[:5]:
+    """Its messages come one after the other."""
+    data = [message(1000 + number, size=60) for number in range(5)]
+    async with fleet.publisher("gs", gather=(1.0, 30.0)) as one:
+        for each in data:
             one.feed(each)
             await asyncio.sleep(0.02)
-        await until(lambda: fleet.data == b"".join(data[:5]), "the moment")
-        assert len(fleet.batches) == 1
+        await until(lambda: fleet.data == b"".join(data), "the moment")
+    assert len(fleet.batches) == 1
+
+
+async def test_a_base_that_never_pauses_is_not_waited_for(fleet: Fleet) -> None:
+    data = [message(1000 + number, size=60) for number in range(20)]
+    async with fleet.publisher("gs", gather=(1.0, 0.2)) as one:
         for each in data:
             one.feed(each)
             await asyncio.sleep(0.03)
-        await until(lambda: fleet.data == b"".join(data[:5] + data), "the rest")
-        assert len(fleet.batches) >= 3
+        await until(lambda: fleet.data == b"".join(data), "all of it")
+    assert len(fleet.batches) >= 3
 
 
 async def test_a_rich_moment_is_cut_for_datagrams(fleet: Fleet) -> None:
