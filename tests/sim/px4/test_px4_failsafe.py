@@ -40,7 +40,7 @@ class TestBattery:
         assert status is not None
         assert (status["voltages"][0], status["battery_remaining"]) == (15120, 40)
         assert companion.command(400, 0) == [0]
-        companion.world.step(9.0)
+        companion.world.step(11.0)
         assert companion.all("SYS_STATUS")[-1]["battery_remaining"] == 100
 
     @pytest.mark.parametrize(
