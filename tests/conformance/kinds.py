@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from tests.descents import COPTER_HOME, PX4_DOWN
 from zmav import wire
 
 
@@ -67,7 +68,7 @@ KINDS = (
         "LOITER",
         ("WP_RADIUS_M", "WPNAV_RADIUS"),
         ARDUPILOT_LOG,
-        shorter={"RTL_ALT": 800.0, "RTL_LOIT_TIME": 500.0, "LAND_SPEED": 200.0, "LAND_SPEED_HIGH": 300.0},
+        shorter=COPTER_HOME,
     ),
     Kind(
         "px4",
@@ -77,7 +78,7 @@ KINDS = (
         "HOLD",
         ("NAV_ACC_RAD",),
         b"ULog\x01\x12\x35",
-        shorter={"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.0, "RTL_LAND_DELAY": 0.0},
+        shorter=PX4_DOWN,
     ),
     Kind(
         "ardurover",

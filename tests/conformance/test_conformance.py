@@ -65,16 +65,15 @@ async def test_params(flight: Flight) -> None:
 
 
 def round_trip(flight: Flight, count: int) -> list[wire.MissionItem]:
-    """A takeoff, for what has one, and points round a circle about where it stands."""
+    """A takeoff, for what has one, and the corners of a triangle about where it stands, again and again."""
     position, kind = flight.state.position, flight.kind
     assert position is not None
     here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=0.0)
     items = []
     if kind.height:
         items = [wire.MissionItem(command="MAV_CMD_NAV_TAKEOFF", x=here.lat_deg, y=here.lon_deg, z=kind.height)]
-    around = count - len(items)
-    for i in range(around):
-        angle = 2.0 * math.pi * i / around
+    for i in range(count - len(items)):
+        angle = math.tau * i / 3  # so that corners are turned, however few there are
         lat, lon, _ = geo.to_global(here, (kind.reach * math.cos(angle), kind.reach * math.sin(angle), 0.0))
         items.append(wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=lat, y=lon, z=kind.height))
     return items

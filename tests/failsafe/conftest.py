@@ -19,10 +19,6 @@ FORWARD, STOP = (1.5, -0.5, 0.25), (0.0, 0.0, 0.0)
 PATIENT = Failsafe(hold_after=60.0, land_after="never")
 """a stream that may pause: what ends it is then something else"""
 
-PX4_QUICKLY_DOWN = {"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.0, "RTL_LAND_DELAY": 0.0}
-COPTER_QUICKLY_DOWN = {"RTL_ALT": 800.0, "RTL_LOIT_TIME": 500.0, "LAND_SPEED": 200.0}
-"""parameters of the simulated autopilots that only make their way down shorter"""
-
 
 class Px4Peer(Peer):
     """... with modes as PX4 has them."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import zmav
-from tests.failsafe.conftest import COPTER_QUICKLY_DOWN, PX4_QUICKLY_DOWN
+from tests.descents import COPTER_HOME, PX4_DOWN
 from tests.failsafe.test_px4_flight import HOME, SPEED, stream_until
 from zmav.config import Failsafe
 from zmav.sim import VehicleSpec, World
@@ -42,7 +42,7 @@ async def flying(
 @pytest.mark.parametrize(("rule", "mode"), [(1.0, "RTL"), (2.0, "LAND")])
 async def test_px4_s_comes_through_a_stream(net: Net, onboard: StartOnboard, rule: float, mode: str) -> None:
     """It waits in HOLD first, for the pilot; to order that HOLD, as after a lost stream, would end it."""
-    params = {"COM_OF_LOSS_T": 10.0, "COM_LOW_BAT_ACT": rule, "COM_FAIL_ACT_T": 5.0, **PX4_QUICKLY_DOWN}
+    params = {"COM_OF_LOSS_T": 10.0, "COM_LOW_BAT_ACT": rule, "COM_FAIL_ACT_T": 5.0, **PX4_DOWN}
     async with flying(net, onboard, "px4", params) as (world, endpoint), zmav.open(connect=[endpoint]) as z:
         (vehicle,) = await z.wait_for("quad1")
         async with vehicle.lease("alice", ttl=60.0) as lease:
@@ -65,7 +65,7 @@ async def test_px4_s_comes_through_a_stream(net: Net, onboard: StartOnboard, rul
 
 async def test_who_hovers_after_a_hold_goes_home_by_it(net: Net, onboard: StartOnboard) -> None:
     """The one who ordered the hold is gone for good; nothing else of ours would end it."""
-    async with flying(net, onboard, "arducopter", {"BATT_FS_LOW_ACT": 2.0, **COPTER_QUICKLY_DOWN}) as (world, endpoint):
+    async with flying(net, onboard, "arducopter", {"BATT_FS_LOW_ACT": 2.0, **COPTER_HOME}) as (world, endpoint):
         async with zmav.open(connect=[endpoint]) as z:
             await (await z.wait_for("quad1"))[0].hold()
         async with zmav.open(connect=[endpoint]) as z:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import zmav
 from tests.cli.conftest import PLACE, Process
-from tests.failsafe.conftest import PX4_QUICKLY_DOWN
+from tests.descents import PX4_DOWN
 from tests.ports import free_udp_ports
 from zmav.mavlink import Packer, load_dialect
 from zmav.process import free_port
@@ -142,7 +142,7 @@ async def beat(port: int) -> None:
 
 
 async def test_px4_leaves_offboard_by_itself() -> None:
-    spec = VehicleSpec(autopilot="px4", params={"COM_OBL_RC_ACT": 4, **PX4_QUICKLY_DOWN})
+    spec = VehicleSpec(autopilot="px4", params={"COM_OBL_RC_ACT": 4, **PX4_DOWN})
     async with flight(spec) as f:
         await f.stream(until=2.0)
         await f.see("landing", lambda s: not s.armed, sim_s=400.0)

@@ -120,6 +120,13 @@ def test_jumps_go_to_items_by_their_doJumpId() -> None:
     assert (got[3].command, got[3].params[:2]) == (JUMP, [2.0, 3])
 
 
+def test_an_item_without_a_doJumpId_takes_its_place_from_no_other() -> None:
+    got = read(file(simple(22, 2), simple(16), simple(16), simple(177, 4, params=[2, 1, 0, 0, 0, 0, 0]))).mission
+    assert got is not None and got[3].params[0] == 0.0
+    got = read(file(simple(22, 2), simple(16), simple(16), simple(177, 4, params=[3, 1, 0, 0, 0, 0, 0]))).mission
+    assert got is not None and got[3].params[0] == 2.0
+
+
 def test_fence_and_rally_points() -> None:
     ring = [[47.1, 8.1], [47.2, 8.1], [47.2, 8.2], [47.1, 8.2]]
     got = read(
@@ -182,16 +189,16 @@ def without(document: dict[str, Any], *path: Any) -> dict[str, Any]:
         (file(simple(type="Simple")), "$.mission.items[0].type", "Invalid value 'Simple'"),
         (file({"type": "ComplexItem", "complexItemType": "StructureScan"}), "$.mission.items[0]", "StructureScan"),
         (file(survey(simple(), simple(frame=99))), "$.mission.items[0].TransectStyleComplexItem.Items[1].frame", "99"),
-        (file(simple(177, 1, params=[7, 1, 0, 0, 0, 0, 0])), "$.mission.items[0].params[0]", "not one item's doJumpId"),
+        (file(simple(177, 1, params=[7, 1, 0, 0, 0, 0, 0])), "$.mission.items[0].params[0]", "7.0, which no item has"),
         (
             file(simple(16, 1), simple(16, 1), simple(177, 3, params=[1, 1, 0, 0, 0, 0, 0])),
             "$.mission.items[2].params[0]",
-            "not one item's doJumpId",
+            "1.0, which two items have: give each its own",
         ),
         (
             file(simple(), simple(177, 2, params=[1.7, 1, 0, 0, 0, 0, 0])),
             "$.mission.items[1].params[0]",
-            "jumps to 1.7",
+            "jumps to the doJumpId 1.7, which no item has",
         ),
         (file(rallyPoints={"version": 2, "points": [[1, 2]]}), "$.rallyPoints.points[0]", "length 3"),
         ([], "$", "Expected `object`"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import select
 import socket
 import threading
@@ -175,6 +176,22 @@ class TestSerialLine:
             serve(world, 5.0)
             os.close(client)
             serve(world, 5.0)
+
+    def test_it_waits_for_a_descriptor_where_none_is_left(self, make_desk: MakeDesk) -> None:
+        desk = make_desk([VehicleSpec(endpoints=("pty",))])
+        desk.world.open()
+        client = os.open(desk.vehicle.url.partition(",")[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        os.close(lowest := os.dup(client))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
+        try:
+            serve(desk.world, 1.0)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert desk.vehicle.endpoints[0].clients() == 0
+        serve(desk.world, 1.0)
+        assert desk.vehicle.endpoints[0].clients() == 1
+        os.close(client)
 
     def test_one_that_never_reads_holds_nobody_up(self, running: Any) -> None:
         vehicle = running("pty", "tcp:0", params={"MAV1_EXTRA1": 50, "MAV1_RAW_SENS": 50, "MAV1_POSITION": 50})

@@ -81,6 +81,8 @@ class TestGroundStation:
             station.send("HEARTBEAT", type=6)
             desk.world.step(0.4)
         assert mode(desk) == GUIDED
+        desk.world.step(2.6)
+        assert mode(desk) == LAND
 
     def test_sticks_count_as_a_heartbeat(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk, **IMPATIENT, FS_GCS_ENABLE=5)

@@ -39,20 +39,20 @@ class RestlessPlanes(PlaneFleet):
         return False
 
 
-def together(fleets: Sequence[Fleet], orders: Sequence[tuple[Order, float]]) -> float:
+def together(fleets: Sequence[Fleet], orders: Sequence[tuple[Order, float]], steps: int = STEPS) -> float:
     """Give them the same orders, each followed by so many seconds; how long the first stood still, s."""
     stood = 0
     for number, (order, seconds) in enumerate(orders):
         for fleet in fleets:
             order(fleet)
-        for tick in range(round(seconds / DT / STEPS)):
+        for tick in range(round(seconds / DT / steps)):
             for fleet in fleets:
-                fleet.advance(STEPS)
+                fleet.advance(steps)
             stood += fleets[0].stands()
             saved, full = (np.array([*fleet.senses()[1], *fleet.outputs(1)]) for fleet in fleets)
             # But for what a motor that has stopped still gave.
             assert np.allclose(saved, full, rtol=0.0, atol=1e-9), f"order {number}, tick {tick}"
-    return stood * DT * STEPS
+    return stood * DT * steps
 
 
 def around(noise: str = "none", north: float = 0.0) -> Surroundings:
@@ -87,9 +87,12 @@ def test_copters(noise: str, px4: bool) -> None:
     assert together(fleets, orders) > 2.0
 
 
-def test_rovers() -> None:
+@pytest.mark.parametrize("pace", [1, 2])
+def test_rovers(pace: int) -> None:
     starts = np.array([[0.0, 0.0], [0.0, 9.0], [0.0, 0.0]])
     fleets = [kind(CAR, starts, np.zeros(2), DT, around(north=-5.0)) for kind in (RoverFleet, RestlessRovers)]
+    for fleet in fleets:
+        fleet.pace = pace
 
     orders: list[tuple[Order, float]] = [
         (ask(lambda rover: rover.coast()), 1.0),
@@ -107,7 +110,7 @@ def test_rovers() -> None:
         (ask(lambda rover: rover.power(False)), 1.0),
         (ask(lambda rover: (rover.power(True), rover.head(1.0, 1.0))), 1.0),
     ]
-    assert together(fleets, orders) > 3.0
+    assert together(fleets, orders, STEPS // pace) > 3.0
 
 
 def test_planes() -> None:

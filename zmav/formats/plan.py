@@ -160,8 +160,11 @@ def _read_mission(part: _MissionPart, enums: Enums, name: str) -> list[MissionIt
             found += [(f"{inside}[{k}]", simple) for k, simple in enumerate(item.TransectStyleComplexItem.Items)]
     index_of: dict[int, int | None] = {}
     for i, (_, item) in enumerate(found):
-        number = item.doJumpId if item.doJumpId is not None else i + 1
-        index_of[number] = None if number in index_of else i
+        if item.doJumpId is not None:
+            index_of[item.doJumpId] = None if item.doJumpId in index_of else i
+    for i, (_, item) in enumerate(found):
+        if item.doJumpId is None:
+            index_of.setdefault(i + 1, i)
     return [_read_item(item, path, index_of, enums, name) for path, item in found]
 
 
@@ -176,7 +179,8 @@ def _read_item(item: _Simple, path: str, index_of: Mapping[Any, int | None], enu
     if command == DO_JUMP:
         target = index_of.get(params[0] or 0)
         if target is None:
-            raise _bad(name, f"{path}.params[0]", f"jumps to {params[0]}, which is not one item's doJumpId")
+            why = "two items have: give each its own" if params[0] in index_of else "no item has"
+            raise _bad(name, f"{path}.params[0]", f"jumps to the doJumpId {params[0]}, which {why}")
         params[0] = float(target)
     x, y, z = place
     return MissionItem(command=command, frame=frame, params=params, x=x, y=y, z=z, autocontinue=item.autoContinue)

@@ -108,6 +108,7 @@ class Loop:
         """what ended the thread of :meth:`start`"""
         self.calls = Calls(self.selector)
         self._thread: threading.Thread | None = None
+        self._turn = threading.Lock()  # of the thread that runs it, for good: two would tick the same world
         self._entered = threading.Event()
         self._stopping = False
         self._runner: int | None = None  # the thread that runs it, where one does
@@ -121,14 +122,13 @@ class Loop:
         return self._runner is not None
 
     def start(self) -> None:
-        """Run in a thread of its own, which has begun when this returns; nothing where there is one already: two would
-        tick the same world.
+        """Run in a thread of its own, which has begun when this returns. Nothing where it runs already or has run: what
+        was stopped or has failed, see :attr:`failure`, does not go on.
         """
-        if self._thread is not None:
-            return
-        self._thread = threading.Thread(target=self._run_guarded, name="zmav-sim", daemon=True)
-        self._thread.start()
-        self._entered.wait()
+        if self._turn.acquire(blocking=False):
+            self._thread = threading.Thread(target=self._run_guarded, name="zmav-sim", daemon=True)
+            self._thread.start()
+            self._entered.wait()
 
     def stop(self) -> None:
         """Ask :meth:`run` to end; any thread, and signal handlers, may."""
@@ -139,7 +139,6 @@ class Loop:
         """Wait until the thread of :meth:`start` has ended."""
         if self._thread is not None:
             self._thread.join()
-            self._thread = None
 
     def close(self) -> None:
         """Once nothing runs and everybody is unregistered."""
@@ -149,7 +148,7 @@ class Loop:
 
     def _run_guarded(self) -> None:
         try:
-            self.run()
+            self._run()
         except BaseException as error:
             self.failure = error
             with self.ticked:
@@ -157,7 +156,13 @@ class Loop:
             self._over(TimedOut(f"the simulated world has failed: {error!r}"))
 
     def run(self) -> None:
-        """Run in this thread until :meth:`stop`."""
+        """Run in this thread until :meth:`stop`; where that of :meth:`start` does, only wait for its end."""
+        if self._turn.acquire(blocking=False):
+            self._run()
+        else:
+            self.join()
+
+    def _run(self) -> None:
         self._runner = threading.get_ident()
         self._entered.set()
         self._pacer.restart()

@@ -200,12 +200,14 @@ class World:
             raise
 
     def start(self) -> None:
-        """Open and run in a thread of its own."""
+        """Open and run in a thread of its own. Nothing where it runs already; nor does a world go on that was stopped
+        or has failed: :meth:`close` raises what it failed of.
+        """
         self.open()
         self._loop.start()
 
     def run(self) -> None:
-        """Open and run in this thread until :meth:`stop`."""
+        """Open and run in this thread until :meth:`stop`; where that of :meth:`start` does, only wait for its end."""
         self.open()
         self._loop.run()
 

@@ -289,9 +289,9 @@ class Flight:
     """Hexarotors in the air, hovering at the origin ``height`` m up: as many as there are ``ways`` to fly, which do not
     see each other. ``wind`` (m/s NED), ``gusts``, ``noise`` and ``seed``: the world's; ``alike``: gusts and noise of
     all are those of the first, else each has its own; ``delay``: of each, see :class:`Hexarotor`; ``slow``: cycles
-    between two words of what the autopilot asks for and what the motors get, 10 for the 25 Hz that a real one's
-    streams of it have; ``params``: PX4's that differ; ``coarse``: ticks and cycles of 5 ms, at half the cost, where
-    what is proven is no matter of the inner loops.
+    between two words of what the autopilot asks for and what the motors get, 10 (coarse: 8) for the 25 Hz that a
+    real one's streams of it have; ``params``: PX4's that differ; ``coarse``: ticks and cycles of 5 ms, at half the
+    cost, where what is proven is no matter of the inner loops.
     """
 
     def __init__(

@@ -154,8 +154,8 @@ class Companion:
         assert self.mode(4, 2) == [0, 0]
         self.until(lambda: self.flying == "HOLD")
 
-    def put_up(self, height: float = 2.0) -> None:
-        """As :meth:`take_off`, but without the flight there: for what is about something else."""
+    def put_up(self, height: float = 2.5) -> None:
+        """HOLD, that high up, as after :meth:`take_off`, but without the flight: for what is about something else."""
         self.ready()
         assert self.mode(4, 3) == [0, 0]
         assert self.arm() == [0]

@@ -27,7 +27,7 @@ def drain(companion: Companion, left: float) -> None:
 class TestBattery:
     def test_it_drains_while_armed_as_recorded_and_fills_again(self, make_companion: MakeCompanion) -> None:
         """The recording's 60 s are its default."""
-        companion = make_companion(params={"SIM_BAT_DRAIN": 16.0})
+        companion = make_companion(params={"SIM_BAT_DRAIN": 16.0, "SIM_BAT_MIN_PCT": 40.0})
         companion.ready()
         assert companion.arm() == [0]
         companion.world.step(4.1)
@@ -35,12 +35,12 @@ class TestBattery:
         assert status is not None
         assert 15700 < status["voltages"][0] < 15800 and status["voltages"][1] == 65535
         assert (status["current_battery"], status["current_consumed"], status["charge_state"]) == (-100, 0, 1)
-        companion.world.step(5.0)
+        companion.world.step(5.7)
         status = companion.vehicle.node.fields("BATTERY_STATUS")
         assert status is not None
-        assert (status["voltages"][0], status["battery_remaining"]) == (15300, 50)
+        assert (status["voltages"][0], status["battery_remaining"]) == (15120, 40)
         assert companion.command(400, 0) == [0]
-        companion.world.step(9.0)
+        companion.world.step(11.0)
         assert companion.all("SYS_STATUS")[-1]["battery_remaining"] == 100
 
     @pytest.mark.parametrize(
@@ -84,6 +84,7 @@ class TestBattery:
         drain(companion, 0.75)  # critical
         companion.world.step(0.2)
         companion.put_up()
+        companion.world.step(3.0)
         assert companion.flying == "HOLD" and companion.vehicle.px4.system_status == 4
 
     def test_of_its_own_body_it_is_measured(self, make_companion: MakeCompanion) -> None:

@@ -67,7 +67,7 @@ def test_a_lost_stream_leaves_offboard_intended_and_it_comes_back_with_the_next_
     companion.offboard(lambda: companion.position(0.0, 0.0, -5.0), 5.0)
     companion.stream(2.0, lambda: companion.position(0.0, 0.0, -5.0))
     companion.command(511, 436, 50000)
-    companion.world.step(10.0)
+    companion.world.step(10.0)  # 30 s were measured; what comes after COM_FAIL_ACT_T, 5 s, lasts
     told = companion.all("CURRENT_MODE")[-1]
     assert (told["custom_mode"], told["intended_custom_mode"]) == (HOLD, OFFBOARD)
     companion.stream(0.2, lambda: companion.position(0.0, 0.0, -5.0))
@@ -112,7 +112,6 @@ def sticks(companion: Companion, pitch: float) -> None:
 
 def test_sticks_held_in_hold_move_nothing_and_their_end_is_a_lost_pilot(companion: Companion) -> None:
     companion.put_up()
-    companion.world.step(3.0)  # it rises on for a moment where its takeoff ends
     before = companion.ned
     companion.stream(3.0, lambda: sticks(companion, 0.5))
     assert companion.flying == "HOLD" and companion.near(*before, 0.3)

@@ -152,3 +152,11 @@ def test_rally(yard: Yard) -> None:
     yard.mode(RTL)
     yard.desk.until(lambda: "Reached destination" in yard.desk.texts(), 30.0)
     assert yard.place[0] == pytest.approx(10.0, abs=3.0)
+
+
+def test_every_frame_of_its_radio_is_heard(yard: Yard) -> None:
+    """One comes with each of its own updates, 20 ms apart, whatever becomes of that by rounding."""
+    yard.ready()
+    for _ in range(200):
+        yard.desk.world.step(0.02)
+        assert yard.rover.rc.silent_s < 0.015

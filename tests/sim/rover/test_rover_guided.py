@@ -10,7 +10,7 @@ import pytest
 from tests.sim.conftest import VELOCITY
 
 if TYPE_CHECKING:
-    from tests.sim.rover.conftest import Yard
+    from tests.sim.rover.conftest import MakeYard, Yard
 
 VELOCITY_AND_TURN, VELOCITY_AND_YAW, TURN_ONLY, YAW_ONLY = 0x5C7, 0x9C7, 0x5FF, 0x9FF
 BODY, BODY_OFFSET, OFFSET = 8, 9, 7
@@ -183,3 +183,18 @@ def test_commands_as_the_real_one_answers_them(yard: Yard) -> None:
     yard.ready()
     results = {21: 3, 22: 3, 17: 3, 115: 3, 193: 3, 213: 3, 300: 4, 9999: 3}
     assert {number: yard.desk.command(number) for number in results} == results
+
+
+def test_it_drives_alike_however_often_the_world_ticks(make_yard: MakeYard) -> None:
+    tracks = []
+    for tick_hz in (100, 400):
+        yard = make_yard(tick_hz=tick_hz)
+        yard.ready()
+        yard.goto(8.0, 3.0)
+        track = []
+        for _ in range(8):
+            yard.desk.world.step(1.0)
+            track.append(yard.place)
+        tracks.append(track)
+    assert math.dist(tracks[0][-1], (8.0, 3.0)) < 2.5
+    assert max(math.dist(a, b) for a, b in zip(*tracks, strict=True)) < 0.1

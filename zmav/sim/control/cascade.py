@@ -187,8 +187,7 @@ class Cascade:
         if by_rates is None:
             self.want_rate = self._rates(est)
             return
-        rate = given.body.copy() if all_of(by_rates) else self._rates(est)
-        rate[:, by_rates] = given.body[:, by_rates]
+        rate = given.body.copy() if all_of(by_rates) else np.where(by_rates, given.body, self._rates(est))
         # Beside body rates or torques a thrust does not wait for the outer loops' next turn.
         direct = by_rates & (given.vertical == DIRECT)
         self.thrust[direct] = given.thrust[direct] * self._full_n

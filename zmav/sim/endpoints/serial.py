@@ -65,8 +65,10 @@ class PtyEndpoint:
             if self._look_in < 0:
                 self._look_in = LOOK_EVERY
                 if not self._hangup.poll(0):
-                    # A descriptor of its own, which the line closes; the terminal stays for the next one.
-                    self._line = ByteLine(os.dup(self._master), self._wiring.selector, self._hear, self._detach)
+                    # A descriptor of its own, which the line closes; the terminal stays for the next one. Where no
+                    # descriptor is left it looks again.
+                    with contextlib.suppress(OSError):
+                        self._line = ByteLine(os.dup(self._master), self._wiring.selector, self._hear, self._detach)
             return False
         sent = self._line.flush()
         return sent and self._line is not None

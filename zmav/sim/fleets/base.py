@@ -95,7 +95,7 @@ class Fleet(ABC):
     """
 
     ACTUATORS: ClassVar[tuple[str, ...]] = ("throttle",)
-    """the inputs of the dynamics, (..., N) each, which controllers set again before each step"""
+    """the inputs of the dynamics, (..., N) each, which controllers set again each time they work"""
 
     THINKS_EVERY: ClassVar[int] = 1
     """ticks between two updates of its autopilots"""
@@ -151,9 +151,9 @@ class Fleet(ABC):
         return self._stands
 
     def unchanged(self, numbers: tuple[float, ...], *loops: object) -> bool:
-        """To be asked before each tick in which all rest: neither these numbers and controllers, nor the bodies and
-        what is sensed of them, differ from what they were. What is frozen, or sensed with errors that wander, counts as
-        changed.
+        """To be asked each time before controllers work, where all rest: neither these numbers and controllers, nor the
+        bodies and what is sensed of them, differ from what they were. What is frozen, or sensed with errors that
+        wander, counts as changed.
         """
         est = self.estimate
         return not self._held and est.exact and self._still.holds(numbers, self.dynamics, est, *loops)

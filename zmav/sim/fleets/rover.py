@@ -40,7 +40,7 @@ class RoverFleet(Fleet):
 
     def control_tick(self, number: int, tick_s: float) -> None:
         """The controllers' outputs to steering and motor."""
-        every = self._still.steps = self.THINKS_EVERY * self.pace
+        every = self.THINKS_EVERY * self.pace
         if number % every:
             return
         tick_s *= every

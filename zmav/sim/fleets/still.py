@@ -16,7 +16,9 @@ class Standstill:
         self._since = 0
 
     def holds(self, numbers: tuple[float, ...], *owners: object) -> bool:
-        """A yes makes the next tick needless. ``owners``: their state is in arrays and in ``numbers``."""
+        """A yes makes what is done until the next call needless. ``owners``: their state is in arrays and in
+        ``numbers``.
+        """
         arrays = (part for owner in owners for part in vars(owner).values() if isinstance(part, np.ndarray))
         seen: list[object] = [numbers, *(array.tobytes() for array in arrays)]
         self._since = self._since + 1 if seen == self._seen else 0

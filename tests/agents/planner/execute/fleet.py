@@ -16,6 +16,7 @@ import zenoh
 
 import zmav
 from tests.conftest import endpoint_of
+from tests.descents import COPTER_DOWN
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import ZmavError
@@ -27,8 +28,6 @@ from zmav.waiting import together
 PATIENCE_S = 60.0
 HOME = Home()
 ORIGIN = wire.Origin(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, alt_amsl=HOME.alt_amsl_m)
-QUICK = {"LAND_SPEED": 200.0, "LAND_SPEED_HIGH": 300.0, "RTL_LOIT_TIME": 500.0}
-"""ArduCopter's parameters that only make its way down shorter"""
 ROUTER = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
 
 
@@ -130,7 +129,7 @@ async def starting(
     starts: Sequence[tuple[float, float]],
     *,
     autopilot: str = "arducopter",
-    params: Mapping[str, float] = QUICK,
+    params: Mapping[str, float] = COPTER_DOWN,
     weather: Mapping[str, Any] = {},
     **settings: Any,
 ) -> AsyncIterator[Fleet]:

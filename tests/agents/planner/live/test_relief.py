@@ -13,8 +13,8 @@ import pytest_asyncio
 import shapely
 
 from agents.planner.live.relief import left_over, way_of
-from tests.agents.planner.execute.fleet import QUICK
 from tests.agents.planner.live.led import PATIENCE_S, Field, led
+from tests.descents import COPTER_DOWN
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -29,7 +29,7 @@ POLYGON = [(5.0, -5.0), (25.0, -5.0), (25.0, 25.0), (5.0, 25.0)]
 async def field() -> AsyncIterator[Field]:
     """Two in the air, one beside them on the ground."""
     places = [(0.0, 0.0), (0.0, 20.0), (0.0, 40.0)]
-    async with led(places, 15.0, params={**QUICK, "BATT_CAPACITY": PACK}) as field:
+    async with led(places, 15.0, params={**COPTER_DOWN, "BATT_CAPACITY": PACK}) as field:
         third = field.me.vehicle("quad3")
         await third.land()
         await third.wait_until(lambda state: state.armed is False and bool(state.ready), PATIENCE_S)

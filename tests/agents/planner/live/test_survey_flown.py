@@ -16,8 +16,9 @@ import shapely
 from shapely import affinity
 
 import zmav
-from tests.agents.planner.execute.fleet import ORIGIN, QUICK
+from tests.agents.planner.execute.fleet import ORIGIN
 from tests.agents.planner.live.led import PATIENCE_S, Field, led
+from tests.descents import COPTER_DOWN
 from tests.waiting import until
 from zmav import geo
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
@@ -65,7 +66,7 @@ def footprint(taken: dict[str, Any], less: float = 0.0) -> Any:
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def field() -> AsyncIterator[Field]:
-    async with led([(0.0, 4.0), (0.0, 21.0)], HEIGHT, params={**QUICK, "CAM1_TYPE": 1.0}) as field:
+    async with led([(0.0, 4.0), (0.0, 21.0)], HEIGHT, params={**COPTER_DOWN, "CAM1_TYPE": 1.0}) as field:
         yield field
 
 

@@ -81,7 +81,7 @@ class Radio(Sticks):
         now = self._vehicle.now
         if now < self._next:
             return
-        self._next = now + FRAME_S
+        self._next = now + FRAME_S - self._vehicle.dt / 2  # half a tick early: times are rounded
         receiving = self.pilot.heard
         self._had_receiver |= receiving
         if receiving or self._fresh:

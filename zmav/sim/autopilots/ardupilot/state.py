@@ -107,6 +107,8 @@ class VehicleState(Autopilot, ABC):
     boot: Boot
     mission: Mission
     landed: bool
+    dt: float
+    """s between two updates"""
     report: Callable[[str], None]
     """sends a message of the reports on every link"""
     reached: Callable[[int], None]

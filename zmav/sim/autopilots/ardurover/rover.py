@@ -13,7 +13,6 @@ from zmav.sim.fleets.base import Sense
 
 CALIBRATING, STANDBY, ACTIVE, CRITICAL_STATE = 2, 3, 4, 5  # MAV_STATE
 HOME_EVERY_S, HOME_MOVED_M = 1.0, 0.5
-RADIO_EVERY = 2  # ticks
 MIDDLE = 1500
 
 
@@ -98,8 +97,7 @@ class ArduRover(RoverBase):
         if self.mode is self.initialising and self.boot.has("initialised"):
             self.set_mode(int(self.params["INITIAL_MODE"]))
             self.follow_switch()
-        if self._ticks % RADIO_EVERY == 0:
-            self.reactions.watch_radio()
+        self.reactions.watch_radio()
 
     def watch(self, dt: float) -> None:
         super().watch(dt)
