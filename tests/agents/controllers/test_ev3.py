@@ -59,6 +59,7 @@ def joined(square: Errors, upright: Errors) -> Errors:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)  # half a minute alone
 def test_what_it_misses_it_misses_near_the_corners() -> None:
     with Flight(wind=(3.0, 2.0, 0.0), noise="rtk", slow=8, height=8.0, ways=4, alike=False, coarse=True) as flight:
         halves = flight.together([flown(flight[way], HALVES[way % 2]) for way in range(4)])

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.agents.planner.execute.fleet import ORIGIN, QUICK, airborne
+from tests.agents.planner.execute.fleet import ORIGIN, airborne
+from tests.descents import COPTER_DOWN
 from tests.waiting import until
 from zmav import geo, wire
 from zmav.formats.tiles import Folder, pieces_within
@@ -60,7 +61,7 @@ async def test_a_mission_and_a_return_follow_the_terrain_by_our_tiles_alone(tmp_
         return wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", frame=frame, x=lat, y=lon, z=ABOVE)
 
     own = {"TERRAIN_SPACING": SPACING, "RTL_ALT_TYPE": 1.0, "RTL_ALT": 100.0 * ABOVE, "WPNAV_SPEED": 400.0}
-    params = {**QUICK, **own}
+    params = {**COPTER_DOWN, **own}
     async with airborne([(0.0, 0.0)], ABOVE, params=params, cache=str(tmp_path)) as fleet:
         (vehicle,) = await fleet.z.wait_for("quad1")
         await vehicle.missions.upload([item(40.0, 0.0), item(180.0, 0.0), item(300.0, 0.0)], "mission")
