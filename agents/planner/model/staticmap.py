@@ -1,7 +1,7 @@
 """What stands still, made ready for many searches, and kept warm from plan to plan for as long as it stays the same.
 
-A way is looked for as a straight line first, then on a coarse lattice, which nearly always has one, then by samples,
-and then on ever finer lattices: from an end that is walled in, these come before the samples.
+A way is looked for as a straight line first, then on a coarse lattice, which nearly always has one: soon, then all of
+it. Then come samples, ever finer lattices, and samples again. From an end that is walled in, finer lattices come first.
 """
 
 from __future__ import annotations
@@ -151,8 +151,8 @@ class StaticMap:
         self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline | None
     ) -> Path | None:
         """A search that ends soon, or else all of that lattice; then samples, which come through slots that no line of
-        a lattice lies in, searches on finer lattices, and samples for the rest of the time; what is found is shortened.
-        ``until`` None: the first only.
+        a lattice lies in, searches on finer lattices, and samples again; what is found is shortened. Each time samples
+        have a quarter of the time that is left. ``until`` None: the first search only.
         """
         world, start, goal = self.world, ends[0], ends[1]
         first = self._layer(0, radius, height)
@@ -166,7 +166,7 @@ class StaticMap:
             if path is None and not none and not closed[-1]:
                 path, none = self._finer(ends, radius, rates, height, until)
             if path is None and not none and height is None and not until.over:
-                path = sampled.find(world, start, goal, radius, until)
+                path = sampled.find(world, start, goal, radius, until.within(until.left() / 4.0))
         return None if path is None else shorten.shorten(world, path, radius, rates, SWEEPS)
 
     def _out(
@@ -176,9 +176,10 @@ class StaticMap:
         the finest has none; and which ends, the goal first, the first lattice leads nowhere from.
         """
         layer, closed = self._layer(0, radius, height), list[bool]()
+        looks = FIRST_LOOK if layer.spacing < FINEST * radius else FEW_LOOKS
         for step, speeds in ((-1, rates[[0, 2, 1]]), (1, rates)):
             way, none = ends[::step], False
-            path, done = layer.search(self.world, way[0], way[1], speeds, 2, FEW_LOOKS)
+            path, done = layer.search(self.world, way[0], way[1], speeds, 2, looks)
             closed.append(path is None and done)
             if closed[-1]:
                 path, none = self._finer(way, radius, speeds, height, until)
