@@ -50,11 +50,12 @@ class Durations:
         self._failed: set[str] = set()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if not isinstance(report, pytest.SubtestReport):  # whose time is its test's
-            self._took_s[report.nodeid] = self._took_s.get(report.nodeid, 0.0) + report.duration
         if report.failed:
             self._failed.add(report.nodeid)
-        elif report.when == "call" and report.passed:
+        if isinstance(report, pytest.SubtestReport):  # its time is its test's, which it does not end
+            return
+        self._took_s[report.nodeid] = self._took_s.get(report.nodeid, 0.0) + report.duration
+        if report.when == "call" and report.passed:
             self._passed.add(report.nodeid)
 
     def pytest_sessionfinish(self) -> None:

@@ -114,6 +114,7 @@ def test_the_least_that_a_passed_test_ever_took_is_kept(tmp_path: Path) -> None:
         durations.pytest_runtest_logreport(report("a", "call", "passed", call_s, pytest.SubtestReport))
         durations.pytest_runtest_logreport(report("a", "call", "passed", call_s))
         durations.pytest_runtest_logreport(report("interrupted", "setup", "passed", 0.5))
+        durations.pytest_runtest_logreport(report("interrupted", "call", "passed", 0.1, pytest.SubtestReport))
         durations.pytest_sessionfinish()
         assert Durations(path).least_s == {"a": least_s}
     durations.pytest_runtest_logreport(report("a", "call", "failed", 0.5))

@@ -220,13 +220,13 @@ async def test_a_flight(scene: Scene, net: Net) -> None:
     away = (await quad.order("goto", wire.GoTo(pos=(8.0, -4.0, -6.0), tolerance=0.5)))["away"]
     assert away <= 0.5
     assert scene.off(8.0, -4.0, -6.0) < 1.0
-    state = await quad.wait_until(lambda s: s.local is not None and s.landed is False, PATIENCE_S)
-    assert state.local == pytest.approx((8.0, -4.0, -6.0), abs=1.0)
-    assert (state.ready, state.status) == (True, "ACTIVE")
-    there = zmav.geo.to_global(ORIGIN, (0.0, 5.0, -7.0))
-    await quad.goto(lat_deg=there[0], lon_deg=there[1], alt_rel=7.0, tolerance=0.6)
+    there = lambda s: s.local is not None and math.dist(s.local, (8.0, -4.0, -6.0)) < 1.0  # noqa: E731
+    state = await quad.wait_until(there, PATIENCE_S)
+    assert (state.ready, state.landed, state.status) == (True, False, "ACTIVE")
+    lat, lon, alt = zmav.geo.to_global(ORIGIN, (0.0, 5.0, -7.0))
+    await quad.goto(lat_deg=lat, lon_deg=lon, alt_rel=7.0, tolerance=0.6)
     assert scene.off(0.0, 5.0, -7.0) < 0.8
-    await quad.goto(lat_deg=there[0], lon_deg=there[1], alt_amsl=there[2] + 1.0, arrive=False)
+    await quad.goto(lat_deg=lat, lon_deg=lon, alt_amsl=alt + 1.0, arrive=False)
     assert sim.status().mode == "GUIDED"
     await quad.hold()
     await quad.set_mode("loiter")

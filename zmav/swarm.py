@@ -307,20 +307,19 @@ async def order_planner(
     ``silent`` questions in a row got no answer within ``answer_s`` s, or no end was told by ``ends`` (monotonic s).
     """
     key, payload, unanswered = keys.SWARM.key(fleet, planner, verb=verb), wire.encode_request(order), 0
-    while unanswered < silent:
-        if (left := ends - time.monotonic()) <= 0.0:
-            raise TimedOut(f"planner {planner} does not say how {verb} ended", planner=planner)
+    text = f"planner {planner} does not answer on {key}"
+    while unanswered < silent and (left := ends - time.monotonic()) > 0.0:
         answers = await z.ask(key, payload, min(answer_s, left), keys.SWARM)
         if not answers:
             unanswered += 1
             continue
-        unanswered = 0
+        unanswered, text = 0, f"planner {planner} does not say how {verb} ended"
         if isinstance(answers[0], ZmavError):
             raise answers[0]
         outcome = wire.decode(answers[0].payload, wire.Outcome, f"reply to {key}")
         if outcome.status == "done":
             return outcome.result
-    raise TimedOut(f"planner {planner} does not answer on {key}", planner=planner)
+    raise TimedOut(text, planner=planner)
 
 
 async def order_chief(z: Client, verb: str, *orders: wire.Order) -> dict[str, Any]:

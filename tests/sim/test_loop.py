@@ -47,16 +47,20 @@ def test_a_world_that_is_started_twice_runs_in_one_thread() -> None:
 
 def test_who_runs_a_world_that_runs_waits_for_its_end() -> None:
     with World(copters=1, endpoint="tcp:0") as world:
-        threading.Timer(0.2, world.stop).start()
         by: set[str] = set()
-        world.externals.grant = lambda now: by.add(threading.current_thread().name)  # type: ignore[method-assign]
+
+        def grant(now: float) -> None:
+            by.add(threading.current_thread().name)
+            world.stop()
+
+        world.externals.grant = grant  # type: ignore[method-assign]
         world.run()
         assert by == {"zmav-sim"}
 
 
 def test_a_world_that_another_thread_runs_gets_none_of_its_own() -> None:
     world = World(copters=1, endpoint="tcp:0")
-    others = {*threading.enumerate(), running := threading.Thread(target=world.run)}
+    others = {*threading.enumerate(), running := threading.Thread(target=world.run, daemon=True)}
     running.start()
     world.wait_for(lambda: world.ticks > 0)
     world.start()

@@ -128,7 +128,7 @@ class Loop:
         if self._turn.acquire(blocking=False):
             self._thread = threading.Thread(target=self._run_guarded, name="zmav-sim", daemon=True)
             self._thread.start()
-            self._entered.wait()
+        self._entered.wait()
 
     def stop(self) -> None:
         """Ask :meth:`run` to end; any thread, and signal handlers, may."""
@@ -156,7 +156,9 @@ class Loop:
             self._over(TimedOut(f"the simulated world has failed: {error!r}"))
 
     def run(self) -> None:
-        """Run in this thread until :meth:`stop`; where that of :meth:`start` does, only wait for its end."""
+        """Run in this thread until :meth:`stop`; where that of :meth:`start` does, only wait for its end; where another
+        one does, nothing.
+        """
         if self._turn.acquire(blocking=False):
             self._run()
         else:

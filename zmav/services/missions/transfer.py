@@ -163,7 +163,8 @@ class Transfer:
         finally:
             with turn:
                 over.cancel()  # what still comes goes nowhere
-            ended.cancel()
+            if not ended.cancel() and not ended.cancelled():
+                ended.exception()  # it may have come with a cancellation: then nobody else looks at it
 
     def _heard(self, frame: Frame) -> Heard | None:
         """A message of this transaction."""
