@@ -133,6 +133,7 @@ class Cycles:
         """Send outputs; ``height``: m above home."""
         with self.lock:
             self.guard.begin(self.estimate.state, height)
+            self.references.hold(self.estimate.state)  # the first attitude since it is located may be yet to come
             self._lease, self.counters = lease, CycleCounters()
             # What it was asked while it looked on gives no output: nobody waits for that.
             self._busy, self._late, self._applied = False, 0, None

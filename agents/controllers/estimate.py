@@ -134,6 +134,7 @@ class Estimate:
             self._shifts.clear()
         self._shifts.append(shift)
         self._shift = np.mean(self._shifts, axis=0)
+        self.state.pos = self._places[-1][1] + self._shift
 
     def sticks(self, f: Mapping[str, Any]) -> None:
         """RC_CHANNELS."""

@@ -109,6 +109,18 @@ def test_an_answer_becomes_a_setpoint(rig: Rig) -> None:
     assert rig.trips == []
 
 
+def test_what_takes_over_before_the_next_attitude_holds_where_it_is(rig: Rig) -> None:
+    """No cycle has had a place yet: it flew to the origin."""
+    rig.attitude()
+    rig.place()
+    lease: Any = rig
+    rig.cycles.engage(lease, 10.0)
+    rig.ms += 4
+    rig.attitude()
+    _, _, _, reference, _ = unpack_cycle(rig.process.asked[-1])
+    assert reference.pos == pytest.approx((0.0, 0.0, -10.0))
+
+
 def test_what_was_asked_before_it_takes_over_is_not_waited_for(rig: Rig) -> None:
     """Its answer is no output, and the first cycle that has one would be late for it."""
     rig.engage()

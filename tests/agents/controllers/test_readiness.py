@@ -48,5 +48,6 @@ def test_places_of_different_moments_are_not_held_against_each_other() -> None:
     one.local({"time_boot_ms": 6100, **still, "z": -10.5})
     assert one.state.pos == pytest.approx((0.0, 0.0, -10.5))
     one.globally({"time_boot_ms": 6100, **above})
+    assert one.state.pos == pytest.approx((0.0, 0.0, -10.0), abs=1e-6), "what takes over now begins about one origin"
     one.local({"time_boot_ms": 6120, **still, "z": -10.5})
     assert one.state.pos == pytest.approx((0.0, 0.0, -10.0), abs=1e-6)
