@@ -11,8 +11,9 @@ Items that are orders in disguise (``current`` 2 and 3: fly there now) pass, and
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from typing import Any, NamedTuple
 
 from ground.gcs.answerer import Answerer, Ground
@@ -57,7 +58,7 @@ class Missions(Answerer):
         """what a client is downloading, from the count until it has asked for the last item"""
         self._uploads: dict[ClientPlan, Upload] = {}
         self._orders: dict[ClientPlan, asyncio.Future[None]] = {}
-        """done when the newest upload that a client sent whole has ended"""
+        """done when the newest upload that a client sent whole, or a later clearing, has ended"""
         self._ended: dict[ClientPlan, Ended] = {}
         self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
@@ -140,6 +141,8 @@ class Missions(Answerer):
             return
         if shown.raws:
             self._shown[line] = shown
+        else:
+            self._shown.pop(line, None)
         asked.say("MISSION_COUNT", count=len(shown.raws))
 
     def _item(self, asked: Asked) -> None:
@@ -225,16 +228,24 @@ class Missions(Answerer):
                 asked.ack(result)
 
     async def _replace(self, asked: Asked, line: ClientPlan, items: list[wire.MissionItem]) -> None:
-        """The order, once that of the client's upload before has ended: what it began last is to be in force."""
-        before, ended = self._orders.get(line), self._ground.loop.create_future()
+        with self._turn(line) as before:
+            await asyncio.wait({before})
+            await asked.vehicle.missions.upload(items, line.kind)
+
+    @contextlib.contextmanager
+    def _turn(self, line: ClientPlan) -> Iterator[asyncio.Future[None]]:
+        """An order's: what it is to wait for, so that what came last over this connection is in force."""
+        ended = self._ground.loop.create_future()
+        before = self._orders.get(line)
+        if before is None:
+            before = self._ground.loop.create_future()
+            before.set_result(None)
         self._orders[line] = ended
         try:
-            if before is not None:
-                await asyncio.wait({before})
-            await asked.vehicle.missions.upload(items, line.kind)
+            yield before
         finally:
             ended.set_result(None)
-            if self._orders[line] is ended:
+            if self._orders.get(line) is ended:
                 del self._orders[line]
 
     def _take(self, asked: Asked) -> None:
@@ -259,15 +270,19 @@ class Missions(Answerer):
             self._work(("clear", asked.handlers, asked.sysid, number), self._clear_all(asked, number))
 
     async def _clear_all(self, asked: Asked, number: int) -> None:
-        for kind in KINDS if number == ALL else [BY_NUMBER[number]]:
-            self._shown.pop(ClientPlan(asked.handlers, asked.sysid, kind), None)
-            try:
-                await asked.vehicle.missions.clear(kind)
-            except ZmavError as e:
-                if number == ALL and isinstance(e, Unsupported):
-                    continue  # it has none of that kind
-                asked.refuse(e, f"{WORDS[kind]} not cleared")
-                return
+        kinds = KINDS if number == ALL else [BY_NUMBER[number]]
+        lines = [ClientPlan(asked.handlers, asked.sysid, kind) for kind in kinds]
+        with contextlib.ExitStack() as turns:
+            for line, before in [(line, turns.enter_context(self._turn(line))) for line in lines]:
+                await asyncio.wait({before})
+                self._shown.pop(line, None)
+                try:
+                    await asked.vehicle.missions.clear(line.kind)
+                except ZmavError as e:
+                    if number == ALL and isinstance(e, Unsupported):
+                        continue  # it has none of that kind
+                    asked.refuse(e, f"{WORDS[line.kind]} not cleared")
+                    return
         asked.ack(MissionResult.ACCEPTED)
 
     def _current(self, asked: Asked) -> None:

@@ -84,6 +84,15 @@ def download(gcs: Caller, number: int, kind: int = MISSION) -> list[Item]:
     return items
 
 
+def send_whole(gcs: Caller, number: int, items: list[Item]) -> None:
+    """Every item once it is asked for, and no more."""
+    asked = len(requests(gcs, number))
+    gcs.to("MISSION_COUNT", number, count=len(items))
+    for seq, item in enumerate(items):
+        gcs.wait(lambda: requests(gcs, number)[asked:][-1:] == [seq], f"a request for {seq}")  # noqa: B023
+        gcs.to("MISSION_ITEM_INT", number, seq=seq, **item)
+
+
 @contextlib.contextmanager
 def late_orders(fleet: Fleet) -> Iterator[tuple[Callable[[], object], list[int]]]:
     """Orders are given only once that is called; and 1 for each that has begun, -1 for each that has ended."""
@@ -171,15 +180,9 @@ def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end
     """Side by side, either could be the one in force."""
     items = plan(PX4, 3, alt=35.0)
     with late_orders(fleet) as (go, under_way):
-        gcs.to("MISSION_COUNT", PX4, count=1)
-        gcs.wait(lambda: requests(gcs, PX4) == [0], "a request")
-        gcs.to("MISSION_ITEM_INT", PX4, seq=0, **waypoint(0))
+        send_whole(gcs, PX4, [waypoint(0)])
         gcs.wait(lambda: under_way != [], "an order")
-        asked = len(requests(gcs, PX4))
-        gcs.to("MISSION_COUNT", PX4, count=3)
-        for seq in range(3):
-            gcs.wait(lambda: requests(gcs, PX4)[asked:][-1:] == [seq], f"a request for {seq}")  # noqa: B023
-            gcs.to("MISSION_ITEM_INT", PX4, seq=seq, **items[seq])
+        send_whole(gcs, PX4, items)
         gcs.wait(lambda: requests(gcs, PX4)[-3:] == [2, 1, 2], "requests to pass the time")
         assert under_way == [1]
         go()
@@ -187,6 +190,23 @@ def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end
     assert under_way == [1, -1, 1, -1]
     assert core(download(gcs, PX4)) == core(items)
     assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
+
+
+@pytest.mark.parametrize("kind", [MISSION, 255])
+def test_a_clearing_waits_for_the_uploads_before_it(fleet: Fleet, gcs: Caller, kind: int) -> None:
+    with late_orders(fleet) as (go, under_way):
+        send_whole(gcs, PX4, [waypoint(0)])
+        gcs.wait(lambda: under_way != [], "an order")
+        asked = len(requests(gcs, PX4))
+        send_whole(gcs, PX4, plan(PX4, 3, alt=36.0))
+        gcs.wait(lambda: requests(gcs, PX4)[asked:][3:5] == [1, 2], "requests to pass the time")
+        gcs.to("MISSION_CLEAR_ALL", PX4, mission_type=kind)
+        gcs.wait(lambda: requests(gcs, PX4)[asked:][5:7] == [1, 2], "more of them")
+        assert under_way == [1]
+        go()
+        gcs.wait(lambda: len(gcs.fields("MISSION_ACK", PX4)) == 2, "an ACK of the upload, and of the clearing")
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED] * 2
+    assert download(gcs, PX4) == []
 
 
 def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, gcs: Caller) -> None:
