@@ -34,6 +34,8 @@ MOST_WORK = 256
 """transactions of all clients under way; they repeat what gets no answer"""
 ACK_AGAIN = 0.5
 """s after a MISSION_ACK from which on a repeated last item says that it was lost"""
+SHOWN_ON = 3.0
+"""s for which a client that asked for the last item can ask again for others that were lost on the way"""
 
 
 class Shown(NamedTuple):
@@ -55,7 +57,9 @@ class Missions(Answerer):
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
         self._shown: dict[ClientPlan, Shown] = {}
-        """what a client is downloading, from the count until it has asked for the last item"""
+        """what a client is downloading, from the count until it says that it has it, or a while after the last item"""
+        self._single: dict[ClientPlan, dict[int, Asked]] = {}
+        """items that a client asked for without a count, while the plan is read"""
         self._uploads: dict[ClientPlan, Upload] = {}
         self._orders: dict[ClientPlan, asyncio.Future[None]] = {}
         """done when the newest upload that a client sent whole, or a later clearing, has ended"""
@@ -150,15 +154,31 @@ class Missions(Answerer):
         if line is None:
             asked.ack(MissionResult.UNSUPPORTED)
         elif (shown := self._shown.get(line)) is None:
-            self._work(("item", line, seq), self._show_one(asked, line))
+            self._show_single(asked, line, seq)
         else:
             if seq == len(shown.raws) - 1:  # its ACK may never come, and a later question is about a later plan
-                del self._shown[line]
+                self._ground.loop.call_later(SHOWN_ON, self._hide, line, shown)
             self._show_item(asked, line, shown)
 
-    async def _show_one(self, asked: Asked, line: ClientPlan) -> None:
-        """Of a plan that is not being downloaded as a whole."""
-        if (shown := await self._fetch(asked, line)) is not None:
+    def _hide(self, line: ClientPlan, shown: Shown) -> None:
+        if self._shown.get(line) is shown:
+            del self._shown[line]
+
+    def _show_single(self, asked: Asked, line: ClientPlan, seq: int) -> None:
+        """Of a plan that is not being downloaded as a whole; it is read once for all items asked for meanwhile."""
+        if (single := self._single.get(line)) is not None:
+            single[seq] = asked
+        elif self._work(("item", line), self._show_all(line, single := {seq: asked})) is not None:
+            self._single[line] = single
+
+    async def _show_all(self, line: ClientPlan, single: dict[int, Asked]) -> None:
+        try:
+            shown = await self._fetch(next(iter(single.values())), line)
+        finally:
+            del self._single[line]
+        if shown is None:
+            return
+        for asked in single.values():
             self._show_item(asked, line, shown)
 
     def _show_item(self, asked: Asked, line: ClientPlan, shown: Shown) -> None:
@@ -194,8 +214,9 @@ class Missions(Answerer):
 
     def _begin(self, asked: Asked, line: ClientPlan, count: int) -> None:
         before = self._uploads.get(line)
-        if before is not None and not before.items and before.count == count > 0:
-            before.ask()  # it has not heard that we ask
+        if before is not None and not before.items and before.count == count:
+            if count:
+                before.ask()  # it has not heard that we ask
             return
         if before is not None:
             before.replaced = True
@@ -228,6 +249,7 @@ class Missions(Answerer):
                 asked.ack(result)
 
     async def _replace(self, asked: Asked, line: ClientPlan, items: list[wire.MissionItem]) -> None:
+        """The order, in its turn. What came over another connection, or from elsewhere, is not waited for."""
         with self._turn(line) as before:
             await asyncio.wait({before})
             await asked.vehicle.missions.upload(items, line.kind)

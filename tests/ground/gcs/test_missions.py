@@ -17,6 +17,7 @@ from zmav import wire
 from zmav.mavlink import decode
 from zmav.services.missions.items import Raw
 from zmav.sim import VehicleSpec
+from zmav.vehicle.missions import Missions
 
 ARDUPILOT, PX4 = 1, 2
 MISSION, FENCE, RALLY = 0, 1, 2
@@ -192,6 +193,17 @@ def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end
     assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
 
 
+def test_an_empty_upload_that_is_said_again_is_done_once(fleet: Fleet, gcs: Caller) -> None:
+    with late_orders(fleet) as (go, under_way):
+        for _ in range(3):
+            gcs.to("MISSION_COUNT", PX4, count=0)
+        gcs.silent_about("MISSION_ACK", PX4)
+        go()
+        gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
+    assert under_way == [1, -1]
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
+
+
 @pytest.mark.parametrize("kind", [MISSION, 255])
 def test_a_clearing_waits_for_the_uploads_before_it(fleet: Fleet, gcs: Caller, kind: int) -> None:
     with late_orders(fleet) as (go, under_way):
@@ -210,7 +222,9 @@ def test_a_clearing_waits_for_the_uploads_before_it(fleet: Fleet, gcs: Caller, k
 
 
 def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, gcs: Caller) -> None:
-    """A station's ACK at the end of a download may be lost, or never sent."""
+    """A station's ACK at the end of a download may be lost, or never sent; and so may items before the last one, which
+    are to be of the same plan.
+    """
 
     def item(seq: int) -> float:
         return float(gcs.answer("MISSION_REQUEST_INT", "MISSION_ITEM_INT", PX4, seq=seq)["z"])
@@ -225,9 +239,37 @@ def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, 
     assert upload(gcs, PX4, plan(PX4, 2, alt=21.0))["type"] == ACCEPTED
     assert gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", PX4)["count"] == 2
     assert [item(0), item(1)] == [21.0, 21.0]
-    for alt in (22.0, 23.0):
+    fleet.run(change(22.0))
+    assert [item(0), item(1)] == [21.0, 21.0], "lost, and asked for once more"
+    gcs.wait(lambda: item(0) == 22.0, "the plan of now")
+    assert item(1) == 22.0
+    for alt in (23.0, 24.0):
         fleet.run(change(alt))
         assert [item(0), item(1)] == [alt, alt]
+
+
+def test_items_asked_for_at_once_take_one_question(fleet: Fleet, gcs: Caller) -> None:
+    """So many that each for itself would leave no room for other stations."""
+    go, asked = asyncio.Event(), list[str]()
+    ask = Missions.get
+
+    async def late(self: Missions, kind: wire.MissionKind) -> wire.Mission:
+        asked.append(kind)
+        await go.wait()
+        return await ask(self, kind)
+
+    assert upload(gcs, PX4, plan(PX4, 3, alt=26.0))["type"] == ACCEPTED
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Missions, "get", late)
+        for seq in range(300):
+            gcs.to("MISSION_REQUEST_INT", PX4, seq=seq)
+            gcs.to("MISSION_REQUEST_INT", PX4, seq=seq % 3)
+        gcs.wait(lambda: asked != [], "a question")
+        assert upload(gcs, ARDUPILOT, plan(ARDUPILOT, 1))["type"] == ACCEPTED
+        fleet.loop.call_soon_threadsafe(go.set)
+        gcs.wait(lambda: len(gcs.fields("MISSION_ITEM_INT", PX4)) >= 3, "all three")
+    assert sorted(each["seq"] for each in gcs.fields("MISSION_ITEM_INT", PX4)) == [0, 1, 2]
+    assert len(asked) == 1
 
 
 def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:
