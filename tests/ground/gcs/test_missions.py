@@ -95,21 +95,25 @@ def send_whole(gcs: Caller, number: int, items: list[Item]) -> None:
 
 
 @contextlib.contextmanager
-def late_orders(fleet: Fleet) -> Iterator[tuple[Callable[[], object], list[int]]]:
-    """Orders are given only once that is called; and 1 for each that has begun, -1 for each that has ended."""
+def late_orders(
+    fleet: Fleet, of: type = zmav.Vehicle, name: str = "order"
+) -> Iterator[tuple[Callable[[], object], list[int]]]:
+    """Orders, or what else is asked ``of`` a vehicle, are given only once that is called; and 1 for each that has
+    begun, -1 for each that has ended.
+    """
     go, under_way = asyncio.Event(), list[int]()
-    order = zmav.Vehicle.order
+    give = getattr(of, name)
 
-    async def late(self: Any, verb: str, *args: Any) -> Any:
+    async def late(self: Any, *args: Any) -> Any:
         under_way.append(1)
         await go.wait()
         try:
-            return await order(self, verb, *args)
+            return await give(self, *args)
         finally:
             under_way.append(-1)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zmav.Vehicle, "order", late)
+        patch.setattr(of, name, late)
         yield lambda: fleet.loop.call_soon_threadsafe(go.set), under_way
 
 
@@ -250,26 +254,17 @@ def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, 
 
 def test_items_asked_for_at_once_take_one_question(fleet: Fleet, gcs: Caller) -> None:
     """So many that each for itself would leave no room for other stations."""
-    go, asked = asyncio.Event(), list[str]()
-    ask = Missions.get
-
-    async def late(self: Missions, kind: wire.MissionKind) -> wire.Mission:
-        asked.append(kind)
-        await go.wait()
-        return await ask(self, kind)
-
     assert upload(gcs, PX4, plan(PX4, 3, alt=26.0))["type"] == ACCEPTED
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Missions, "get", late)
+    with late_orders(fleet, Missions, "get") as (go, under_way):
         for seq in range(300):
             gcs.to("MISSION_REQUEST_INT", PX4, seq=seq)
             gcs.to("MISSION_REQUEST_INT", PX4, seq=seq % 3)
-        gcs.wait(lambda: asked != [], "a question")
+        gcs.wait(lambda: under_way != [], "a question")
         assert upload(gcs, ARDUPILOT, plan(ARDUPILOT, 1))["type"] == ACCEPTED
-        fleet.loop.call_soon_threadsafe(go.set)
+        go()
         gcs.wait(lambda: len(gcs.fields("MISSION_ITEM_INT", PX4)) >= 3, "all three")
     assert sorted(each["seq"] for each in gcs.fields("MISSION_ITEM_INT", PX4)) == [0, 1, 2]
-    assert len(asked) == 1
+    assert under_way == [1, -1]
 
 
 def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:
