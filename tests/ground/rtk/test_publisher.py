@@ -139,7 +139,7 @@ async def test_one_that_begins_listens_first(fleet: Fleet) -> None:
 async def test_a_higher_priority_takes_over_at_once(fleet: Fleet) -> None:
     async with fleet.publisher("a") as a, fleet.publisher("b", priority=5) as b:
         a.feed(message(1077))
-        await until(lambda: a.in_charge, "the first in charge")
+        await until(lambda: a.in_charge and bool(fleet.batches), "the first in charge, and heard")
         b.feed(message(1087))
         await until(lambda: fleet.batches[-1].source == "b", "the second's")
         await asyncio.sleep(0.1)
