@@ -24,7 +24,7 @@ from zmav.formats.rtcm3 import Cutter, Ecef, Message
 from zmav.waiting import on_loop
 
 GATHER_S = 0.05, 0.3
-"""s without a message after which a moment is over, and s that it lasts at most: a base's line may be slow"""
+"""``gather`` of a :class:`Publisher`: a base's line may be slow"""
 LISTEN_S = 1.5
 """s for which a source that has just begun listens whether another is in charge; most bases speak once a second"""
 MOST_RATE, BURST = 4_000.0, 12_000.0
@@ -36,7 +36,8 @@ RATE_S = 10.0
 
 
 class Publisher:
-    """``with Publisher(z, "gs", say): ...``; lives on the event loop.
+    """``with Publisher(z, "gs", say): ...``; lives on the event loop. ``gather``: s without a message after which a
+    moment is over, and s that it lasts at most.
 
     Raises :class:`BadConfig` where no fleet is named, and :class:`Forbidden` where our role may not.
     """
@@ -110,7 +111,7 @@ class Publisher:
         return found
 
     def put(self, messages: list[Message]) -> None:
-        """Messages of the source; those that come within 50 ms of each other are of one moment."""
+        """Messages of the source; those with less than the pause of ``gather`` between them are of one moment."""
         now = time.monotonic()
         self._forget(now)
         for message in messages:

@@ -11,8 +11,9 @@ Items that are orders in disguise (``current`` 2 and 3: fly there now) pass, and
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from typing import Any, NamedTuple
 
 from ground.gcs.answerer import Answerer, Ground
@@ -33,6 +34,8 @@ MOST_WORK = 256
 """transactions of all clients under way; they repeat what gets no answer"""
 ACK_AGAIN = 0.5
 """s after a MISSION_ACK from which on a repeated last item says that it was lost"""
+SHOWN_ON = 3.0
+"""s for which a client that asked for the last item can ask again for others that were lost on the way"""
 
 
 class Shown(NamedTuple):
@@ -54,10 +57,12 @@ class Missions(Answerer):
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
         self._shown: dict[ClientPlan, Shown] = {}
-        """what a client is downloading, from the count until it has asked for the last item"""
+        """what a client is downloading, from the count until it says that it has it, or a while after the last item"""
+        self._single: dict[ClientPlan, dict[int, Asked]] = {}
+        """items that a client asked for without a count, while the plan is read"""
         self._uploads: dict[ClientPlan, Upload] = {}
         self._orders: dict[ClientPlan, asyncio.Future[None]] = {}
-        """done when the newest upload that a client sent whole has ended"""
+        """done when the newest upload that a client sent whole, or a later clearing, has ended"""
         self._ended: dict[ClientPlan, Ended] = {}
         self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
@@ -140,6 +145,8 @@ class Missions(Answerer):
             return
         if shown.raws:
             self._shown[line] = shown
+        else:
+            self._shown.pop(line, None)
         asked.say("MISSION_COUNT", count=len(shown.raws))
 
     def _item(self, asked: Asked) -> None:
@@ -147,15 +154,31 @@ class Missions(Answerer):
         if line is None:
             asked.ack(MissionResult.UNSUPPORTED)
         elif (shown := self._shown.get(line)) is None:
-            self._work(("item", line, seq), self._show_one(asked, line))
+            self._show_single(asked, line, seq)
         else:
             if seq == len(shown.raws) - 1:  # its ACK may never come, and a later question is about a later plan
-                del self._shown[line]
+                self._ground.loop.call_later(SHOWN_ON, self._hide, line, shown)
             self._show_item(asked, line, shown)
 
-    async def _show_one(self, asked: Asked, line: ClientPlan) -> None:
-        """Of a plan that is not being downloaded as a whole."""
-        if (shown := await self._fetch(asked, line)) is not None:
+    def _hide(self, line: ClientPlan, shown: Shown) -> None:
+        if self._shown.get(line) is shown:
+            del self._shown[line]
+
+    def _show_single(self, asked: Asked, line: ClientPlan, seq: int) -> None:
+        """Of a plan that is not being downloaded as a whole; it is read once for all items asked for meanwhile."""
+        if (single := self._single.get(line)) is not None:
+            single[seq] = asked
+        elif self._work(("item", line), self._show_all(line, single := {seq: asked})) is not None:
+            self._single[line] = single
+
+    async def _show_all(self, line: ClientPlan, single: dict[int, Asked]) -> None:
+        try:
+            shown = await self._fetch(next(iter(single.values())), line)
+        finally:
+            del self._single[line]
+        if shown is None:
+            return
+        for asked in single.values():
             self._show_item(asked, line, shown)
 
     def _show_item(self, asked: Asked, line: ClientPlan, shown: Shown) -> None:
@@ -191,8 +214,9 @@ class Missions(Answerer):
 
     def _begin(self, asked: Asked, line: ClientPlan, count: int) -> None:
         before = self._uploads.get(line)
-        if before is not None and not before.items and before.count == count > 0:
-            before.ask()  # it has not heard that we ask
+        if before is not None and not before.items and before.count == count:
+            if count:
+                before.ask()  # it has not heard that we ask
             return
         if before is not None:
             before.replaced = True
@@ -225,16 +249,25 @@ class Missions(Answerer):
                 asked.ack(result)
 
     async def _replace(self, asked: Asked, line: ClientPlan, items: list[wire.MissionItem]) -> None:
-        """The order, once that of the client's upload before has ended: what it began last is to be in force."""
-        before, ended = self._orders.get(line), self._ground.loop.create_future()
+        """The order, in its turn. What came over another connection, or from elsewhere, is not waited for."""
+        with self._turn(line) as before:
+            await asyncio.wait({before})
+            await asked.vehicle.missions.upload(items, line.kind)
+
+    @contextlib.contextmanager
+    def _turn(self, line: ClientPlan) -> Iterator[asyncio.Future[None]]:
+        """An order's: what it is to wait for, so that what came last over this connection is in force."""
+        ended = self._ground.loop.create_future()
+        before = self._orders.get(line)
+        if before is None:
+            before = self._ground.loop.create_future()
+            before.set_result(None)
         self._orders[line] = ended
         try:
-            if before is not None:
-                await asyncio.wait({before})
-            await asked.vehicle.missions.upload(items, line.kind)
+            yield before
         finally:
             ended.set_result(None)
-            if self._orders[line] is ended:
+            if self._orders.get(line) is ended:
                 del self._orders[line]
 
     def _take(self, asked: Asked) -> None:
@@ -259,15 +292,19 @@ class Missions(Answerer):
             self._work(("clear", asked.handlers, asked.sysid, number), self._clear_all(asked, number))
 
     async def _clear_all(self, asked: Asked, number: int) -> None:
-        for kind in KINDS if number == ALL else [BY_NUMBER[number]]:
-            self._shown.pop(ClientPlan(asked.handlers, asked.sysid, kind), None)
-            try:
-                await asked.vehicle.missions.clear(kind)
-            except ZmavError as e:
-                if number == ALL and isinstance(e, Unsupported):
-                    continue  # it has none of that kind
-                asked.refuse(e, f"{WORDS[kind]} not cleared")
-                return
+        kinds = KINDS if number == ALL else [BY_NUMBER[number]]
+        lines = [ClientPlan(asked.handlers, asked.sysid, kind) for kind in kinds]
+        with contextlib.ExitStack() as turns:
+            for line, before in [(line, turns.enter_context(self._turn(line))) for line in lines]:
+                await asyncio.wait({before})
+                self._shown.pop(line, None)
+                try:
+                    await asked.vehicle.missions.clear(line.kind)
+                except ZmavError as e:
+                    if number == ALL and isinstance(e, Unsupported):
+                        continue  # it has none of that kind
+                    asked.refuse(e, f"{WORDS[line.kind]} not cleared")
+                    return
         asked.ack(MissionResult.ACCEPTED)
 
     def _current(self, asked: Asked) -> None:

@@ -1,4 +1,4 @@
-"""What was, from memory: of every key the last that came and those before it, as far as there is room; and answers to
+"""What was, from memory: of every key the last that came, and as much before it as there is room for; and answers to
 questions of it.
 """
 
@@ -23,7 +23,7 @@ from zmav.wire.history import MOST
 RING = 500
 """entries that are kept of one key"""
 ROOM = 128 << 20
-"""bytes of payload; when they are full, each key keeps fewer, and none where others' last fill them"""
+"""bytes of payload; when they are full, each key keeps fewer, and none only where others' last alone fill them"""
 MOST_KEYS = 20_000
 COST = 150
 """bytes that an entry takes besides its payload, about"""
@@ -53,6 +53,8 @@ class History:
         self._decoder = decoder
         self._rings: dict[str, _Ring] = {}
         self._known: dict[Asked, list[str]] = {}
+        self._several: collections.OrderedDict[str, _Ring] = collections.OrderedDict()
+        """those of more than one entry, in turn"""
         self._size = 0
         self._since = time.time_ns()
         self._lock = threading.Lock()
@@ -76,10 +78,24 @@ class History:
         entries = ring.entries
         entries.append(held)
         self._size += len(held.data) + COST
-        while entries and (len(entries) > RING or self._size > ROOM):
-            gone = entries.popleft()
-            self._size -= len(gone.data) + COST
-            ring.cut["at"] = gone.at + 1
+        if len(entries) > 1:
+            self._several.setdefault(ring.route.key, ring)
+        while len(entries) > RING or self._size > ROOM:
+            self._let_go(ring if len(entries) > RING else self._fuller(ring))
+
+    def _fuller(self, ring: _Ring) -> _Ring:
+        """It, or the next in turn where that has more: so all come to have about as many, and each its last."""
+        other = next(iter(self._several.values()), ring)
+        if self._several:
+            self._several.move_to_end(other.route.key)
+        return other if len(other.entries) > len(ring.entries) else ring
+
+    def _let_go(self, ring: _Ring) -> None:
+        gone = ring.entries.popleft()
+        self._size -= len(gone.data) + COST
+        ring.cut["at"] = gone.at + 1
+        if len(ring.entries) == 1:
+            del self._several[ring.route.key]
 
     def known(self) -> list[Asked]:
         """All that can be asked for."""

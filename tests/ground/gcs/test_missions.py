@@ -17,6 +17,7 @@ from zmav import wire
 from zmav.mavlink import decode
 from zmav.services.missions.items import Raw
 from zmav.sim import VehicleSpec
+from zmav.vehicle.missions import Missions
 
 ARDUPILOT, PX4 = 1, 2
 MISSION, FENCE, RALLY = 0, 1, 2
@@ -84,22 +85,35 @@ def download(gcs: Caller, number: int, kind: int = MISSION) -> list[Item]:
     return items
 
 
-@contextlib.contextmanager
-def late_orders(fleet: Fleet) -> Iterator[tuple[Callable[[], object], list[int]]]:
-    """Orders are given only once that is called; and 1 for each that has begun, -1 for each that has ended."""
-    go, under_way = asyncio.Event(), list[int]()
-    order = zmav.Vehicle.order
+def send_whole(gcs: Caller, number: int, items: list[Item]) -> None:
+    """Every item once it is asked for, and no more."""
+    asked = len(requests(gcs, number))
+    gcs.to("MISSION_COUNT", number, count=len(items))
+    for seq, item in enumerate(items):
+        gcs.wait(lambda: requests(gcs, number)[asked:][-1:] == [seq], f"a request for {seq}")  # noqa: B023
+        gcs.to("MISSION_ITEM_INT", number, seq=seq, **item)
 
-    async def late(self: Any, verb: str, *args: Any) -> Any:
+
+@contextlib.contextmanager
+def late_orders(
+    fleet: Fleet, of: type = zmav.Vehicle, name: str = "order"
+) -> Iterator[tuple[Callable[[], object], list[int]]]:
+    """Orders, or what else is asked ``of`` a vehicle, are given only once that is called; and 1 for each that has
+    begun, -1 for each that has ended.
+    """
+    go, under_way = asyncio.Event(), list[int]()
+    give = getattr(of, name)
+
+    async def late(self: Any, *args: Any) -> Any:
         under_way.append(1)
         await go.wait()
         try:
-            return await order(self, verb, *args)
+            return await give(self, *args)
         finally:
             under_way.append(-1)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zmav.Vehicle, "order", late)
+        patch.setattr(of, name, late)
         yield lambda: fleet.loop.call_soon_threadsafe(go.set), under_way
 
 
@@ -171,15 +185,9 @@ def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end
     """Side by side, either could be the one in force."""
     items = plan(PX4, 3, alt=35.0)
     with late_orders(fleet) as (go, under_way):
-        gcs.to("MISSION_COUNT", PX4, count=1)
-        gcs.wait(lambda: requests(gcs, PX4) == [0], "a request")
-        gcs.to("MISSION_ITEM_INT", PX4, seq=0, **waypoint(0))
+        send_whole(gcs, PX4, [waypoint(0)])
         gcs.wait(lambda: under_way != [], "an order")
-        asked = len(requests(gcs, PX4))
-        gcs.to("MISSION_COUNT", PX4, count=3)
-        for seq in range(3):
-            gcs.wait(lambda: requests(gcs, PX4)[asked:][-1:] == [seq], f"a request for {seq}")  # noqa: B023
-            gcs.to("MISSION_ITEM_INT", PX4, seq=seq, **items[seq])
+        send_whole(gcs, PX4, items)
         gcs.wait(lambda: requests(gcs, PX4)[-3:] == [2, 1, 2], "requests to pass the time")
         assert under_way == [1]
         go()
@@ -189,8 +197,38 @@ def test_an_upload_begun_while_another_is_given_to_the_vehicle_waits_for_its_end
     assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
 
 
+def test_an_empty_upload_that_is_said_again_is_done_once(fleet: Fleet, gcs: Caller) -> None:
+    with late_orders(fleet) as (go, under_way):
+        for _ in range(3):
+            gcs.to("MISSION_COUNT", PX4, count=0)
+        gcs.silent_about("MISSION_ACK", PX4)
+        go()
+        gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
+    assert under_way == [1, -1]
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
+
+
+@pytest.mark.parametrize("kind", [MISSION, 255])
+def test_a_clearing_waits_for_the_uploads_before_it(fleet: Fleet, gcs: Caller, kind: int) -> None:
+    with late_orders(fleet) as (go, under_way):
+        send_whole(gcs, PX4, [waypoint(0)])
+        gcs.wait(lambda: under_way != [], "an order")
+        asked = len(requests(gcs, PX4))
+        send_whole(gcs, PX4, plan(PX4, 3, alt=36.0))
+        gcs.wait(lambda: requests(gcs, PX4)[asked:][3:5] == [1, 2], "requests to pass the time")
+        gcs.to("MISSION_CLEAR_ALL", PX4, mission_type=kind)
+        gcs.wait(lambda: requests(gcs, PX4)[asked:][5:7] == [1, 2], "more of them")
+        assert under_way == [1]
+        go()
+        gcs.wait(lambda: len(gcs.fields("MISSION_ACK", PX4)) == 2, "an ACK of the upload, and of the clearing")
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED] * 2
+    assert download(gcs, PX4) == []
+
+
 def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, gcs: Caller) -> None:
-    """A station's ACK at the end of a download may be lost, or never sent."""
+    """A station's ACK at the end of a download may be lost, or never sent; and so may items before the last one, which
+    are to be of the same plan.
+    """
 
     def item(seq: int) -> float:
         return float(gcs.answer("MISSION_REQUEST_INT", "MISSION_ITEM_INT", PX4, seq=seq)["z"])
@@ -205,9 +243,28 @@ def test_an_item_asked_for_after_a_download_is_of_the_plan_of_now(fleet: Fleet, 
     assert upload(gcs, PX4, plan(PX4, 2, alt=21.0))["type"] == ACCEPTED
     assert gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", PX4)["count"] == 2
     assert [item(0), item(1)] == [21.0, 21.0]
-    for alt in (22.0, 23.0):
+    fleet.run(change(22.0))
+    assert [item(0), item(1)] == [21.0, 21.0], "lost, and asked for once more"
+    gcs.wait(lambda: item(0) == 22.0, "the plan of now")
+    assert item(1) == 22.0
+    for alt in (23.0, 24.0):
         fleet.run(change(alt))
         assert [item(0), item(1)] == [alt, alt]
+
+
+def test_items_asked_for_at_once_take_one_question(fleet: Fleet, gcs: Caller) -> None:
+    """So many that each for itself would leave no room for other stations."""
+    assert upload(gcs, PX4, plan(PX4, 3, alt=26.0))["type"] == ACCEPTED
+    with late_orders(fleet, Missions, "get") as (go, under_way):
+        for seq in range(300):
+            gcs.to("MISSION_REQUEST_INT", PX4, seq=seq)
+            gcs.to("MISSION_REQUEST_INT", PX4, seq=seq % 3)
+        gcs.wait(lambda: under_way != [], "a question")
+        assert upload(gcs, ARDUPILOT, plan(ARDUPILOT, 1))["type"] == ACCEPTED
+        go()
+        gcs.wait(lambda: len(gcs.fields("MISSION_ITEM_INT", PX4)) >= 3, "all three")
+    assert sorted(each["seq"] for each in gcs.fields("MISSION_ITEM_INT", PX4)) == [0, 1, 2]
+    assert under_way == [1, -1]
 
 
 def test_old_stations_get_and_send_floats(fleet: Fleet, gcs: Caller) -> None:

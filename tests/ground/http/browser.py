@@ -65,6 +65,8 @@ class Tab:
         self._ids = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._session, self.target = "", target
+        self._origins: set[str] = set()
+        """servers of what it showed"""
         self.said: list[str] = []
         """console messages, uncaught errors and what the page's policy forbade"""
         self._task = asyncio.create_task(self._listen())
@@ -85,6 +87,7 @@ class Tab:
         if size is not None:
             await self.size(*size)
         self.said.clear()
+        self._origins.add("/".join(url.split("/")[:3]))
         await self.call("Page.navigate", url=url)
 
     async def clear(self) -> None:
@@ -238,11 +241,15 @@ class Tab:
         path.write_bytes(base64.b64decode(shot["data"]))
 
     async def close(self) -> None:
-        """The tab is there still, empty, for who comes next."""
-        if self._session:
-            await self.clear()
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        """The tab is there still, empty, for who comes next, whose server may have the port of one of now."""
+        try:
+            if self._session:
+                await self.clear()
+            for origin in self._origins:
+                await self.call("Storage.clearDataForOrigin", origin=origin, storageTypes="all")
+        finally:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
 
     async def _listen(self) -> None:
         async for text in self._connection:
@@ -281,12 +288,14 @@ class Chromium:
 
     @contextlib.asynccontextmanager
     async def tab(self) -> AsyncIterator[Tab]:
-        """Its one tab, empty. What a page stores is kept for that page's server alone, which has a port of its own."""
+        """Its one tab, empty. What its pages store is forgotten once it is given back."""
         async with connect(self._url, max_size=None, ping_interval=None) as connection:
             tab = Tab(connection, self._group, self._target)
-            yield tab
-            self._target = tab.target
-            await tab.close()
+            try:
+                yield tab
+            finally:
+                self._target = tab.target
+                await tab.close()
 
 
 @contextlib.contextmanager

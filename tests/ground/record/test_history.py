@@ -31,3 +31,30 @@ def test_large_values_under_many_keys_take_no_more_than_the_room() -> None:
     assert all(entries or whole_from > 1 for entries, whole_from in held), "what was let go is told"
     (last,), _ = history.newest(asked_of(small.key), 0, 3, 1)
     assert (last.t, last.value) == (3 / 1e9, 1), "there is room for what is small"
+
+
+def test_a_full_memory_keeps_the_last_of_new_and_of_rare_keys() -> None:
+    dialect, size = load_dialect(), 1 + ROOM // RING // 4
+    history = History(Decoder(dialect))
+    rare, *busy, new = [Route(f"zmav/demo/quad{n}/event", dialect) for n in range(6)]
+
+    def put(route: Route, size: int, at: int) -> None:
+        history.add_all([(route, at, bytes(size))])
+
+    def held(route: Route) -> list[int]:
+        return [round(entry.t * 1e9) for entry in history.newest(asked_of(route.key), 0, 10 * RING, RING)[0]]
+
+    put(rare, 1, 1)
+    for at in range(1, RING + 1):
+        for route in busy:
+            put(route, size, at)
+    put(new, 5 * size, RING + 1)
+    assert held(new) == [RING + 1]
+    put(rare, 9 * size, RING + 2)
+    assert held(rare)[-1] == RING + 2
+    assert all(held(route)[-1] == RING for route in busy)
+    for at in range(RING + 3, 3 * RING):
+        put(new, size, at)
+    assert len(held(new)) > RING // 2, "those of a vehicle that is gone make room"
+    assert min(len(held(route)) for route in busy) > RING // 2
+    assert all(history.newest(asked_of(route.key), 0, 1, 1)[1] > 1 for route in busy), "what was let go is told"

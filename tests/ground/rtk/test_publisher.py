@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import zmav
-from ground.corrections import BURST, MOST_RATE, Publisher, may_publish
+from ground.corrections import BURST, GATHER_S, MOST_RATE, Publisher, may_publish
 from tests.rtcm import HOME, base_at, message
 from tests.waiting import until
 from zmav import geo, keys
@@ -59,6 +59,19 @@ async def test_a_base_that_never_pauses_is_not_waited_for(fleet: Fleet) -> None:
             await asyncio.sleep(0.03)
         await until(lambda: fleet.data == b"".join(data), "all of it")
     assert len(fleet.batches) >= 3
+
+
+async def test_a_moment_is_not_waited_for_longer_than_is_usual(fleet: Fleet) -> None:
+    """However busy the machine is: what was fed for twice as long as a moment lasts is of two at least."""
+    data = message(1077, size=20)
+    async with fleet.publisher("gs") as one:
+        fed, began = 0, time.monotonic()
+        while fed < 3 or time.monotonic() - began < 2.2 * GATHER_S[1]:
+            one.feed(data)
+            fed += 1
+            await asyncio.sleep(0.01)
+        await until(lambda: fleet.data == fed * data, "all of it")
+    assert len(fleet.batches) >= 2
 
 
 async def test_a_rich_moment_is_cut_for_datagrams(fleet: Fleet) -> None:
@@ -126,7 +139,7 @@ async def test_one_that_begins_listens_first(fleet: Fleet) -> None:
 async def test_a_higher_priority_takes_over_at_once(fleet: Fleet) -> None:
     async with fleet.publisher("a") as a, fleet.publisher("b", priority=5) as b:
         a.feed(message(1077))
-        await until(lambda: a.in_charge, "the first in charge")
+        await until(lambda: a.in_charge and bool(fleet.batches), "the first in charge, and heard")
         b.feed(message(1087))
         await until(lambda: fleet.batches[-1].source == "b", "the second's")
         await asyncio.sleep(0.1)

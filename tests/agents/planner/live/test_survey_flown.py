@@ -138,7 +138,8 @@ async def test_a_pause_ends_the_pictures_until_it_goes_on_and_a_pilot_s_vehicle_
     await until(lambda: all(camera.every for camera in cameras), PATIENCE_S)
     field.fleet.world.call(lambda: copter(field, NAMES[0]).set_mode(5))  # his switch, to LOITER
     await until(lambda: cameras[0].every == 0.0, PATIENCE_S)
-    await planner.order("cancel", swarm.GoalId(goal=name))
+    await until(lambda: cameras[1].every, PATIENCE_S)
+    await planner.order("abort", swarm.GoalId())
     await until(lambda: not any(camera.every for camera in cameras), PATIENCE_S)
 
 
