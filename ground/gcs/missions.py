@@ -34,7 +34,7 @@ MOST_WORK = 256
 """transactions of all clients under way; they repeat what gets no answer"""
 ACK_AGAIN = 0.5
 """s after a MISSION_ACK from which on a repeated last item says that it was lost"""
-SHOWN_ON = 3.0
+SHOWN_ON = 5.0
 """s for which a client that asked for the last item can ask again for others that were lost on the way"""
 
 

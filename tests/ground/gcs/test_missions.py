@@ -213,11 +213,11 @@ def test_a_clearing_waits_for_the_uploads_before_it(fleet: Fleet, gcs: Caller, k
     with late_orders(fleet) as (go, under_way):
         send_whole(gcs, PX4, [waypoint(0)])
         gcs.wait(lambda: under_way != [], "an order")
-        asked = len(requests(gcs, PX4))
         send_whole(gcs, PX4, plan(PX4, 3, alt=36.0))
-        gcs.wait(lambda: requests(gcs, PX4)[asked:][3:5] == [1, 2], "requests to pass the time")
+        gcs.wait(lambda: requests(gcs, PX4)[-3:] == [2, 1, 2], "requests to pass the time")
+        asked = len(requests(gcs, PX4))
         gcs.to("MISSION_CLEAR_ALL", PX4, mission_type=kind)
-        gcs.wait(lambda: requests(gcs, PX4)[asked:][5:7] == [1, 2], "more of them")
+        gcs.wait(lambda: len(requests(gcs, PX4)) >= asked + 2, "more of them")
         assert under_way == [1]
         go()
         gcs.wait(lambda: len(gcs.fields("MISSION_ACK", PX4)) == 2, "an ACK of the upload, and of the clearing")
