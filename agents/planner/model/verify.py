@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -17,13 +18,34 @@ from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.scene import Scene, Vehicle, name_of
 from agents.planner.model.separation import all_pairs
 
+FaultKind = Literal[
+    "missing",
+    "unknown",
+    "samples",
+    "start",
+    "goal",
+    "heading",
+    "speed",
+    "climb",
+    "descent",
+    "slow",
+    "acceleration",
+    "sampling",
+    "height",
+    "bounds",
+    "fence",
+    "obstacle",
+    "separation",
+    "late",
+    "decimals",
+]
+
 
 @dataclass(frozen=True)
 class Fault:
     """One rule that is broken, where it is broken most."""
 
-    kind: str
-    """one of those that docs/planner-files.md lists"""
+    kind: FaultKind
     ids: tuple[str, ...]
     time: float | None
     """s, when"""
@@ -170,7 +192,7 @@ def _limits(v: Vehicle, motion: Motion) -> list[Fault]:
     up = v.vmax if v.vz_up is None else v.vz_up
     down = v.vmax if v.vz_down is None else v.vz_down
     most = v.amax * (1.0 + ACCELERATION) + ACCELERATION
-    rules: list[tuple[str, float, float, str]] = [
+    rules: list[tuple[FaultKind, float, float, str]] = [
         ("speed", found[0, 0], v.vmax * more, "flies {:.3f} m/s, {:.3f} are allowed"),
         ("climb", found[1, 0], up * more, "climbs {:.3f} m/s, {:.3f} are allowed"),
         ("descent", found[2, 0], down * more, "descends {:.3f} m/s, {:.3f} are allowed"),
@@ -202,7 +224,7 @@ def _inside(scene: Scene, v: Vehicle, motion: Motion) -> list[Fault]:
     """Within the bounds and the fence."""
     faults: list[Fault] = []
 
-    def outside(kind: str, words: str, depth: float, k: int) -> None:
+    def outside(kind: FaultKind, words: str, depth: float, k: int) -> None:
         if depth > DISTANCE:
             t = float(motion[k, 0])
             text = f"{v.id} is {depth:.3f} m outside of the {words}, at {t:.2f} s"

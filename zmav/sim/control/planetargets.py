@@ -23,7 +23,8 @@ class Stage(enum.IntEnum):
     FLARE = 3
 
 
-TAKEOFF, LAND, FLARE = (int(stage) for stage in Stage if stage)  # plain numbers, for comparing whole rows
+# As plain numbers, for comparing whole rows many times a second.
+TAKEOFF, LAND, FLARE = int(Stage.TAKEOFF), int(Stage.LAND), int(Stage.FLARE)
 # What holds the roll axis: the aileron, as given; a bank; a line; a circle; a heading. And the pitch axis: the
 # elevator, as given; an angle; height and speed.
 AILERON, ROLL, LINE, CIRCLE, HEADING = range(5)

@@ -52,11 +52,16 @@ class Rates(msgspec.Struct, frozen=True):
     thrust: float
 
 
-class Torque(Rates, frozen=True):
-    """Torques (-1 to 1) in their place."""
+class Torque(msgspec.Struct, frozen=True):
+    """Torques (-1 to 1) and thrust (0 to 1)."""
+
+    roll: float
+    pitch: float
+    yaw: float
+    thrust: float
 
 
-Wish = Motion | Attitude | Rates
+Wish = Motion | Attitude | Rates | Torque
 
 
 class Offboard:
@@ -123,7 +128,7 @@ class Offboard:
     @property
     def by_thrust(self) -> bool:
         """The thrust is given: nothing is ramped up for a takeoff."""
-        return isinstance(self.wish, Attitude | Rates)
+        return isinstance(self.wish, Attitude | Rates | Torque)
 
     def fly(self) -> None:
         """Hand the wish to the controllers."""
@@ -141,8 +146,10 @@ class Offboard:
             else:
                 sp.heading(wish.yaw)
         elif isinstance(wish, Rates):
-            turn = sp.torque if isinstance(wish, Torque) else sp.rates
-            turn(wish.roll, wish.pitch, wish.yaw)
+            sp.rates(wish.roll, wish.pitch, wish.yaw)
+            sp.direct_thrust(wish.thrust)
+        elif isinstance(wish, Torque):
+            sp.torque(wish.roll, wish.pitch, wish.yaw)
             sp.direct_thrust(wish.thrust)
 
     def _move(self, wish: Motion) -> None:
