@@ -75,22 +75,26 @@ CORNERS = ((0.0, 0.0), (60.0, 0.0), (60.0, 0.001))
 
 
 @pytest.mark.parametrize(
-    ("base", "topic", "kind", "given"),
+    ("base", "topic", "kind", "points"),
     [
         (
             "geofence",
             "fences",
             "fence",
-            [waypoint(n, command=5001, y_long=HOME.lon_deg + e, param1=3.0, param4=0.0, z_alt=0.0) for n, e in CORNERS],
+            [
+                {"north": n, "command": 5001, "y_long": HOME.lon_deg + e, "param1": 3.0, "param4": 0.0, "z_alt": 0.0}
+                for n, e in CORNERS
+            ],
         ),
-        ("rallypoint", "rallypoints", "rally", [waypoint(30.0, command=5100, param4=0.0)]),
+        ("rallypoint", "rallypoints", "rally", [{"north": 30.0, "command": 5100, "param4": 0.0}]),
     ],
 )
 @pytest.mark.parametrize("name", NAMES)
 def test_a_fence_and_rally_points(
-    fleet: Fleet, peer: Peer, name: str, base: str, topic: str, kind: wire.MissionKind, given: list[Any]
+    fleet: Fleet, peer: Peer, name: str, base: str, topic: str, kind: wire.MissionKind, points: list[dict[str, Any]]
 ) -> None:
     """No home stands before them, whichever autopilot it is."""
+    given = [waypoint(**point) for point in points]
     lists, _ = peer.subscribe(f"/{name}/{base}/{topic}", LIST, qos=":1:,1:,:,:,,")
     answer = client(peer, f"/{name}/{base}/push", PUSH).call(start_index=0, waypoints=given)
     assert (answer.success, answer.wp_transfered) == (True, len(given))
