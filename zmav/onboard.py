@@ -218,7 +218,7 @@ class Onboard:
         self.camera = TriggeredCamera(companion, commander, self.params.value)
         is_vehicle = gate.is_vehicle if gate else keys.anything
         self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check, self.params.value)
-        self.missions = Missions(companion, commander, bounds)
+        self.missions = Missions(companion, commander, bounds, ftp)
         self.flight = Flight(
             companion,
             self.state,

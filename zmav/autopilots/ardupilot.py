@@ -19,6 +19,8 @@ _OWN_GCS = Need(
     "ArduPilot takes sticks and RC overrides only from its ground station's system id, and we speak with the vehicle's",
 )
 """We do not speak with the ground station's id instead: every override would then hide that it is lost"""
+HAS_FILES = 0x20
+"""MAV_PROTOCOL_CAPABILITY_FTP; whether plans are among the files, only asking for one tells"""
 OVERRIDES: Mapping[Level, tuple[Need, ...]] = {"manual": (_OWN_GCS,), "rc": (_OWN_GCS,)}
 THRUST_AS_THRUST = Need(
     ("GUID_OPTIONS",),
@@ -155,7 +157,7 @@ class ArduPilot(Autopilot):
     camera_params: ClassVar[tuple[str, ...]] = ("CAM1_TYPE", "CAM2_TYPE")
     own_params: ClassVar[tuple[str, ...]] = tuple(_OWN_PARAMS.split())
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, *, files: bool = False) -> None:
         super().__init__(kind)
         self.rules = RULES.get(kind, COPTER)
         self.keepalive_hz = self.rules.keepalive_hz
@@ -165,12 +167,20 @@ class ArduPilot(Autopilot):
         self.home_circle_param = "RTL_RADIUS" if self.rules.circles else None
         self.home_height_params = ("RTL_ALT_FINAL", "RTL_ALT_FINAL_M") if self.lands_after_rtl else ()
         self.missions = MissionRules(
-            mode="AUTO", start_command=self.rules.takeoff_command, home_first=True, window=4, exact=False
+            mode="AUTO",
+            start_command=self.rules.takeoff_command,
+            home_first=True,
+            window=4,
+            files=files,
+            exact=False,
         )
         pairs = (pair.split(":") for pair in self.rules.modes.split())
         self._modes = {name: base.custom_mode(name, int(number)) for name, number in pairs}
         self._names = {mode.custom: name for name, mode in self._modes.items()}
         self._unarmable = frozenset(self.rules.unarmable.split())
+
+    def told(self, capabilities: int) -> Autopilot:
+        return ArduPilot(self.kind, files=bool(capabilities & HAS_FILES))
 
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         return self._names.get(custom_mode, f"MODE_{custom_mode}")

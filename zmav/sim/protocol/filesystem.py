@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable
+from typing import Protocol
 
 from zmav.mavlink.ftp import DirectoryEntry, Nak
 
@@ -12,7 +13,15 @@ MOST = 8 << 20
 MOST_NAMES = 1024
 """files and directories, likewise"""
 
-Maker = Callable[[str, int], bytes]
+
+class Readable(Protocol):
+    """A file's bytes, each part of them made when it is read or before."""
+
+    def __getitem__(self, part: slice, /) -> bytes:
+        """Fewer than were asked for at its end."""
+
+
+Maker = Callable[[str, int], Readable]
 """Makes a file's bytes: the part of its path behind "?", and the size of the reads it will be read by"""
 Stored = Callable[[], dict[str, bytes]]
 """The files of a directory that another part of the vehicle keeps, by name"""
@@ -66,7 +75,7 @@ class FileSystem:
         made = self._makers.get(path.partition("?")[0])
         return made[1]() if made else len(self._data(normal(path)))
 
-    def open(self, path: str, read_size: int) -> bytes:
+    def open(self, path: str, read_size: int) -> Readable:
         """A file's bytes now, to be read in steps of ``read_size``."""
         base, _, query = path.partition("?")
         made = self._makers.get(base)

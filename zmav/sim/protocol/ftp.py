@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet, crc32, pack, pack_entry, unpack
 from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
-from zmav.sim.protocol.filesystem import FileError, FileSystem
+from zmav.sim.protocol.filesystem import FileError, FileSystem, Readable
 
 QUEUE = 5
 """requests that wait while another is served; more are lost"""
@@ -31,7 +31,7 @@ class Open:
     session: int
     path: str
     writing: bool
-    data: bytes | None = None
+    data: Readable | None = None
     read_size: int = 0
 
 
@@ -224,7 +224,7 @@ class FtpServer(Part):
         size = packet.size or MOST_DATA
         if file.data is None:
             file.read_size, file.data = size, self.files.open(file.path, size)
-        if file.path.startswith("@") and size != file.read_size:
+        if file.path.startswith("@PARAM") and size != file.read_size:
             raise FileError(Nak.FAIL_ERRNO, errno.EINVAL)
         return file.data[offset : offset + size]
 
@@ -257,7 +257,7 @@ class FtpServer(Part):
         path = _path(packet)
         if path.startswith("@"):
             raise FileError(Nak.FAIL)
-        return crc32(self.files.open(path, MOST_DATA)).to_bytes(4, "little"), 0
+        return crc32(self.files.open(path, MOST_DATA)[:]).to_bytes(4, "little"), 0
 
     # ---- bursts
 

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import struct
 from typing import NamedTuple
 from urllib.parse import parse_qsl
 
+from zmav.mavlink import plan_file
+from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
+from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.items import ItemStore
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Part
 from zmav.sim.protocol.filesystem import FileError, FileSystem
 from zmav.sim.protocol.ftp import FtpServer
+from zmav.sim.protocol.items import item_fields
 from zmav.sim.protocol.logs import MOST_ONE, FlightLog, LogProtocol, LogStore
 from zmav.sim.protocol.params import ParamStore
 
@@ -44,6 +50,10 @@ MESSAGE = Layout(130, "MSG", "QZ", "TimeUS,Message")
 LOGS = "/APM/LOGS"
 GUESS = 12
 """bytes a parameter that ArduPilot says the file of parameters has, before it is made"""
+
+
+PLAN_GUESS = 1 << 20
+"""bytes that ArduPilot says a plan's file has"""
 
 
 class DataflashLog(FlightLog):
@@ -78,12 +88,36 @@ class Storage:
         self.files.attach(LOGS, self.logs.files, self.logs.remove)
         params = vehicle.params
         self.files.generate(PATH, lambda query, size: _packed(params, query, size), lambda: len(params) * GUESS)
+        for store in (vehicle.mission, vehicle.fence.items, vehicle.rally):
+            path = plan_file.PATH.format(store.title.lower())
+            self.files.generate(path, functools.partial(PlanFile, store, node.dialect), lambda: PLAN_GUESS)
         self.ftp = FtpServer(self.files)
         self.protocol = LogProtocol(self.logs, lambda: vehicle.armed)
 
     @property
     def parts(self) -> tuple[Part, ...]:
         return self.flight_log, self.protocol, self.ftp
+
+
+class PlanFile:
+    """A plan's items (a ``Readable``), each as it is when it is read; how many they are is told as it was at first.
+    As a real one's it ends where an item cannot be read.
+    """
+
+    def __init__(self, store: ItemStore, dialect: Dialect, query: str, read_size: int) -> None:
+        self._store, self._dialect, self._count = store, dialect, len(store)
+
+    def __getitem__(self, part: slice) -> bytes:
+        size = plan_file.size_of(1, self._dialect) - plan_file.HEADER.size
+        at, end = (max(offset - plan_file.HEADER.size, 0) for offset in (part.start, part.stop))
+        data = plan_file.pack_header(self._store.kind, self._count) if at == 0 else b""
+        begins = 0 if at == 0 else plan_file.HEADER.size + at // size * size
+        for seq in range(at // size, min(-(-end // size), len(self._store))):
+            item = self._store.read(seq)
+            if isinstance(item, MissionResult):
+                break
+            data += plan_file.pack_item(item_fields(item, self._store.kind), self._dialect)
+        return data[part.start - begins : part.stop - begins]
 
 
 def _packed(params: ParamStore, query: str, read_size: int) -> bytes:
