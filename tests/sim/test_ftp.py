@@ -12,6 +12,7 @@ from tests.packed_params import unpack_params
 from zmav.mavlink.ftp import MOST_DATA, DirectoryEntry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.sim import World
+from zmav.sim.autopilots.items import Item
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.storage import Storage
 from zmav.sim.protocol.filesystem import MOST, FileError, FileSystem
@@ -134,6 +135,7 @@ def test_a_burst_is_500_packets_and_ends_with_the_file(client: Client) -> None:
         (Op.LIST_DIRECTORY, b"/", {"offset": 1 << 31}, Nak.EOF),
         (Op.OPEN_FILE_RO, b"/APM", {}, Nak.FILE_NOT_FOUND),
         (Op.OPEN_FILE_RO, b"\xff\xfe", {}, Nak.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"@MISSION/other.dat", {}, Nak.FILE_NOT_FOUND),
         (Op.CREATE_FILE, b"/nowhere/x", {}, Nak.FILE_NOT_FOUND),
         (Op.CREATE_FILE, b"/APM", {}, Nak.FILE_PROTECTED),
         (Op.CREATE_FILE, b"/APM/LOGS/x", {}, Nak.FILE_PROTECTED),
@@ -219,3 +221,45 @@ def test_a_packet_there_and_back() -> None:
         DirectoryEntry("c", 0),
         None,
     ]
+
+
+def test_plans_are_files_as_pymavlink_reads_them(client: Client) -> None:
+    """Header and items as MAVProxy takes them apart, each item as it is when it is read."""
+    desk, copter = client.desk, client.desk.vehicle.copter
+    places = [Item(command=16, frame=3, x=-353632610 + n, y=1491652300, z=20.0 + n, p1=1.0) for n in range(30)]
+    for item in places:
+        copter.mission.add(item)
+    copter.rally.items = (Item(command=5100, frame=3, x=-353632610, y=1491652300, z=40.0, autocontinue=1),)
+    layout = mavutil.mavlink.MAVLink_mission_item_int_message.unpacker
+    for kind, number, count in (("mission", 0, 31), ("fence", 1, 0), ("rally", 2, 1)):
+        opened = client.ask(Op.OPEN_FILE_RO, f"@MISSION/{kind}.dat".encode())
+        assert int.from_bytes(opened.data, "little") == 1 << 20  # it is not read for that
+        data = b""
+        while (answer := client.ask(Op.READ_FILE, size=100, offset=len(data))).nak is None:
+            data += answer.data
+        assert answer.nak is Nak.EOF
+        assert client.ask(Op.TERMINATE_SESSION).opcode == Op.ACK
+        assert struct.unpack_from("<5H", data) == (0x763D, number, 0, 0, count)
+        assert len(data) == 10 + count * layout.size
+        rows = [layout.unpack_from(data, 10 + n * layout.size) for n in range(count)]
+        desk.clear("MISSION_ITEM_INT")
+        for seq in range(count):
+            desk.send("MISSION_REQUEST_INT", seq=seq, mission_type=number)
+        items = desk.all("MISSION_ITEM_INT")
+        names = ("param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command")
+        assert [row[:9] for row in rows] == [tuple(item[name] for name in names) for item in items]
+        more = ("frame", "current", "autocontinue", "mission_type")
+        assert [row[9:] for row in rows] == [(0, 0, *(item[name] for name in more)) for item in items]
+
+
+def test_a_plan_that_changes_while_it_is_read_is_read_as_it_then_is(client: Client) -> None:
+    mission = client.desk.vehicle.copter.mission
+    for n in range(20):
+        mission.add(Item(command=16, x=1 + n, y=1, z=10.0))
+    client.ask(Op.OPEN_FILE_RO, b"@MISSION/mission.dat")
+    first = client.ask(Op.READ_FILE, size=MOST_DATA)
+    assert struct.unpack_from("<5H", first.data)[4] == 21
+    mission.open(12)
+    rest = client.ask(Op.READ_FILE, size=MOST_DATA, offset=MOST_DATA)
+    assert MOST_DATA + len(rest.data) == 10 + 12 * 38
+    assert client.ask(Op.READ_FILE, size=MOST_DATA, offset=10 + 12 * 38).nak is Nak.EOF

@@ -54,7 +54,13 @@ class PlanFile:
         del self.data[self._size :]
 
     def items(self) -> list[Raw]:
-        return [raw_from(fields) for fields in unpack_items(self.data, self._dialect)]
+        """Raises :class:`BadMessage` where the file ended before it should."""
+        count = count_of(self.data, KINDS[self._kind])
+        found = [raw_from(fields) for fields in unpack_items(self.data, self._dialect)]
+        if len(found) != count:
+            text = f"the file of the {WORDS[self._kind]} holds {len(found)} items, not {count}"
+            raise BadMessage(text, field="items", value=len(found), expected=str(count))
+        return found
 
 
 class FileTransfer(Transfer):
@@ -74,7 +80,7 @@ class FileTransfer(Transfer):
             if items is None:
                 return await super().download(step)
             with contextlib.suppress(Busy):  # it is read again when whoever writes it is through
-                if await self._run(DOWNLOAD, self._count()) == before and len(items) == before[0]:
+                if await self._run(DOWNLOAD, self._count()) == before and before[0] == len(items):
                     return Download(items, before[1])
         raise self._keeps_changing()
 
@@ -87,9 +93,9 @@ class FileTransfer(Transfer):
         file = PlanFile(self._kind, self._port.dialect, step)
         try:
             await self._ftp.fetch(path, lambda size: file, lambda news: None, busy=())
+            return file.items()
         except (BadMessage, Refused, Stale, TimedOut) as e:
             logger.debug("%s: the %s by the mission protocol: %s", self._port.name, WORDS[self._kind], e.message)
-            if not isinstance(e, Stale) and e.detail.get("nak") not in BUSY:
+            if e.detail.get("nak") not in BUSY and not isinstance(e, Stale) and e.detail.get("field") != "items":
                 self._shut()
             return None
-        return file.items()

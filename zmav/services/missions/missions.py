@@ -127,7 +127,8 @@ class Missions:
         """Replace the whole plan of that kind, and see it there; nothing, by clearing. Refused items are named by
         their index, and whatever goes wrong, the error says which plan is in force.
         """
-        return await self._replace(args.kind, self.items().encode(args.kind, args.items), report, force=args.force)
+        new = await asyncio.to_thread(self.items().encode, args.kind, args.items)  # the first reads the dialect's XML
+        return await self._replace(args.kind, new, report, force=args.force)
 
     async def clear(self, args: wire.MissionClear, report: Report) -> dict[str, Any]:
         """Leave none of that kind."""
@@ -384,7 +385,7 @@ class Missions:
             raise Stale(f"the {WORDS[kind]} are being read: {far}; ask again", reading=True, **progress) from None
         at = (self.progress.current, self.progress.reached, self.progress.state)
         if held.encoded is None or held.encoded[0] != at:
-            held.encoded = (at, wire.encode(self._mission(kind, held)))
+            held.encoded = (at, await asyncio.to_thread(lambda: wire.encode(self._mission(kind, held))))
         return held.encoded[1]
 
     def _key(self, kind: MissionKind) -> str:
