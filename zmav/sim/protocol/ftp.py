@@ -156,7 +156,12 @@ class FtpServer(Part):
             return
         if self._now - self._used < IDLE_S:
             raise FileError(Nak.INVALID_SESSION)
-        self._open = None
+        self._close()
+
+    def _close(self) -> None:
+        if self._open is not None:
+            path, self._open = self._open.path, None
+            self.files.close(path)
 
     def _session(self, packet: Packet) -> int:
         return packet.session if self._fixed is None else self._fixed
@@ -178,7 +183,7 @@ class FtpServer(Part):
 
     def _reset(self, packet: Packet) -> tuple[bytes, int]:
         if self._open is not None and (self._fixed is not None or packet.session == self._open.session):
-            self._open = None
+            self._close()
         return b"", 0
 
     def _list(self, packet: Packet) -> tuple[bytes, int]:
@@ -203,7 +208,7 @@ class FtpServer(Part):
     def _open_write(self, packet: Packet) -> tuple[bytes, int]:
         path = _path(packet)
         self._check_free()
-        if packet.opcode == Op.CREATE_FILE:
+        if packet.opcode == Op.CREATE_FILE or path.startswith("@"):
             self.files.create(path)
         else:
             self.files.size(path)

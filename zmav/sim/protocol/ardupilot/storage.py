@@ -15,12 +15,12 @@ from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
-from zmav.sim.autopilots.items import ItemStore
+from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, ItemStore
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Part
 from zmav.sim.protocol.filesystem import FileError, FileSystem
 from zmav.sim.protocol.ftp import FtpServer
-from zmav.sim.protocol.items import item_fields
+from zmav.sim.protocol.items import item_fields, read_item
 from zmav.sim.protocol.logs import MOST_ONE, FlightLog, LogProtocol, LogStore
 from zmav.sim.protocol.params import ParamStore
 
@@ -54,6 +54,8 @@ GUESS = 12
 
 PLAN_GUESS = 1 << 20
 """bytes that ArduPilot says a plan's file has"""
+NO_CLEAR = 1
+"""of a plan's file that is written: its items are put among those that there are"""
 
 
 class DataflashLog(FlightLog):
@@ -90,7 +92,8 @@ class Storage:
         self.files.generate(PATH, lambda query, size: _packed(params, query, size), lambda: len(params) * GUESS)
         for store in (vehicle.mission, vehicle.fence.items, vehicle.rally):
             path = plan_file.PATH.format(store.title.lower())
-            self.files.generate(path, functools.partial(PlanFile, store, node.dialect), lambda: PLAN_GUESS)
+            take = functools.partial(take_plan, store, node.dialect)
+            self.files.generate(path, functools.partial(PlanFile, store, node.dialect), lambda: PLAN_GUESS, take)
         self.ftp = FtpServer(self.files)
         self.protocol = LogProtocol(self.logs, lambda: vehicle.armed)
 
@@ -118,6 +121,36 @@ class PlanFile:
                 break
             data += plan_file.pack_item(item_fields(item, self._store.kind), self._dialect)
         return data[part.start - begins : part.stop - begins]
+
+
+def take_plan(store: ItemStore, dialect: Dialect, data: bytes) -> None:
+    """What ArduPilot makes of a plan's file that was written, and nobody is told. The old mission is cleared, unless it
+    is being flown, before the items of the new one are looked at; what stands before a bad one stays. So it is with
+    rally points. A fence takes effect as a whole.
+    """
+    if len(data) < plan_file.HEADER.size:
+        return
+    magic, _, options, start, count = plan_file.HEADER.unpack_from(data)
+    rows = plan_file.unpack_items(data, dialect)
+    if magic != plan_file.MAGIC or len(rows) != count or not all(any(row.values()) for row in rows):
+        return  # nothing but zeros is an item that was never written
+    keep, first = options & NO_CLEAR, start if store.kind == MISSION else 0
+    if store.kind == FENCE:
+        if keep or store.open(count) is not MissionResult.ACCEPTED:
+            return
+    elif not keep:
+        store.clear()
+    elif store.kind == RALLY:
+        return
+    for seq, row in enumerate(rows[: store.most], first):
+        item = read_item({**row, "seq": seq}, as_int=True)
+        apart = store.kind == MISSION and seq > len(store)
+        if isinstance(item, MissionResult) or apart or store.put(item, count - 1) is not MissionResult.ACCEPTED:
+            if store.kind == FENCE:
+                store.abandon()
+                return
+            break
+    store.close()
 
 
 def _packed(params: ParamStore, query: str, read_size: int) -> bytes:
