@@ -120,13 +120,13 @@ async def filing(bench: StartBench) -> AsyncIterator[StartFiling]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "items"), [("mission", waypoints(100)), ("fence", FENCE_ITEMS), ("rally", RALLY_ITEMS), ("rally", [])]
+    ("kind", "items"), [("mission", waypoints(100)), ("mission", []), ("rally", RALLY_ITEMS * 9), ("rally", [])]
 )
 async def test_both_readings_of_an_upload_are_of_the_file(
     filing: StartFiling, kind: str, items: list[dict[str, Any]]
 ) -> None:
     b, peer = await filing()
-    peer.load(KINDS[kind], [{**OLD[0], "command": 5100 if kind == "rally" else 5004 if kind == "fence" else 16}])
+    peer.load(KINDS[kind], [{**OLD[0], "command": 5100 if kind == "rally" else 16}])
     outcome = await b.ground.do("mission_upload", kind=kind, items=items)
     assert (outcome.result["count"], outcome.result["known_by"]) == (len(items), "read back")
     assert (await b.ground.do("mission_download", kind=kind)).result["count"] == len(items)
@@ -135,6 +135,14 @@ async def test_both_readings_of_an_upload_are_of_the_file(
     assert [(i.x, i.y) for i in got] == [pytest.approx((i["x"], i["y"])) for i in items]
     assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (0, 3)
     assert peer.ftp.open_path is None
+
+
+async def test_a_fence_is_read_item_by_item(filing: StartFiling) -> None:
+    """ArduPilot's file server reads a fence's index while the main loop may be making it."""
+    b, peer = await filing()
+    await b.ground.do("mission_upload", kind="fence", items=FENCE_ITEMS)
+    assert [i.command for i in (await plan(b, "fence")).items] == [i["command"] for i in FENCE_ITEMS]
+    assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (len(FENCE_ITEMS), 0)
 
 
 async def test_a_jump_and_home_are_counted_as_ever(filing: StartFiling) -> None:

@@ -4,6 +4,7 @@ The file's items are those of the moment at which each of them is read, and noth
 So the mission protocol, which denies all reading meanwhile, is asked for the number of items before and after. Uploads
 stay with that protocol: a file that is written clears the plan before any item of it is looked at, the answer to its
 closing does not tell whether it was taken, and of a mission that is being flown the rest of the old one would stay.
+Which plans can be read so is the autopilot's rule (``MissionRules.files``).
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable
-from typing import Any
 
 from zmav.errors import BadMessage, Refused, Stale, TimedOut
 from zmav.mavlink import Dialect
 from zmav.mavlink.plan_file import PATH, count_of, size_of, unpack_items
 from zmav.services.files.ftp import MAYBE_BUSY, Ftp
 from zmav.services.files.sink import Gaps
+from zmav.services.link.port import Port
 from zmav.services.missions.items import KINDS, MOST, WORDS, Raw, raw_from
-from zmav.services.missions.transfer import DOWNLOAD, Busy, Download, Step, Transfer
+from zmav.services.missions.transfer import DOWNLOAD, Busy, Download, Step, Transfer, TransferTimes
 from zmav.wire import MissionKind
 
 logger = logging.getLogger(__name__)
@@ -69,8 +70,17 @@ class FileTransfer(Transfer):
     ``shut`` is called where it never can.
     """
 
-    def __init__(self, *given: Any, ftp: Ftp, shut: Callable[[], object]) -> None:
-        super().__init__(*given)
+    def __init__(
+        self,
+        port: Port,
+        source: tuple[int, int],
+        kind: MissionKind,
+        times: TransferTimes,
+        window: int,
+        ftp: Ftp,
+        shut: Callable[[], object],
+    ) -> None:
+        super().__init__(port, source, kind, times, window)
         self._ftp, self._shut = ftp, shut
 
     async def download(self, step: Step) -> Download:

@@ -244,8 +244,8 @@ class Missions:
     def _transfer(self, kind: MissionKind) -> Transfer:
         rules, plan = self._do.autopilot().missions, (self._owner(), kind)
         given = self._port, self._do.source(), kind, self.pace, rules.window
-        if rules.files and plan not in self._no_file:
-            return FileTransfer(*given, ftp=self._ftp, shut=lambda: self._no_file.add(plan))
+        if kind in rules.files and plan not in self._no_file:
+            return FileTransfer(*given, self._ftp, lambda: self._no_file.add(plan))
         return Transfer(*given)
 
     def _replacer(self, kind: MissionKind, phase: Phase) -> Replacer:

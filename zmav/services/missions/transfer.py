@@ -42,15 +42,17 @@ Heard = tuple[str, Mapping[str, Any]]
 Waits = Generator[float, "Heard | None", T]
 """A transaction"""
 
+COUNT = -1
+"""stands before item 0: the answer to MISSION_COUNT is the request for that"""
 NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
 
 
 class _Sent:
-    """What of a plan was sent, -1 being the number of its items, and the last item that was ``asked`` for."""
+    """What of a plan was sent, by item (COUNT: how many there are), and the last item that was ``asked`` for."""
 
     def __init__(self) -> None:
         self._items: dict[int, tuple[float, int]] = {}
-        self.asked = -1
+        self.asked = COUNT
 
     def note(self, seq: int) -> None:
         self._items[seq] = time.monotonic(), self.times(seq)[1] + 1
@@ -203,7 +205,7 @@ class Transfer:
         count, sent, complaints = len(items), _Sent(), 0
         last, tries = -1, 1
         unsent = 0  # the first item that was not sent yet, or that is to be sent again
-        self._send_items(items, -1, 0, sent)
+        self._send_count(count, sent)
         for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
             heard = yield time.monotonic() + self._trip.timeout
             if heard is not None and heard[0] == "MISSION_ACK":
@@ -214,7 +216,7 @@ class Transfer:
                         return ended
                     if ended is not None and unsent <= last + 1:
                         raise ended
-                    if ended is not None:
+                    if ended is not None:  # it is of an item behind that one, where the request for it was lost
                         yield from self._quiet(4 * window)
                         raise _OneOfMany
             elif heard is not None and heard[1]["seq"] < count:
@@ -233,7 +235,10 @@ class Transfer:
                 if tries >= self._times.attempts:
                     break
                 tries += 1
-                unsent = self._send_items(items, last, last + window if last >= 0 else 0, sent)
+                if last < 0:
+                    self._send_count(count, sent)
+                else:
+                    unsent = self._send_items(items, last, last + window, sent)
         what = f"item {last} of {count} (home included)" if last >= 0 else "the number of items"
         raise TimedOut(
             f"upload of the {self._words}: the autopilot does not go on after {what}", vehicle=self._port.name
@@ -342,17 +347,16 @@ class Transfer:
         kind = KINDS[self._kind]
         self._port.send(name, target_system=system, target_component=component, mission_type=kind, **fields)
 
+    def _send_count(self, count: int, sent: _Sent) -> None:
+        sent.note(COUNT)
+        self._send("MISSION_COUNT", count=count)
+
     def _send_items(self, items: Sequence[Raw], first: int, end: int, sent: _Sent) -> int:
-        """Send those from ``first`` (-1: how many there are) up to but not including ``end``, as far as there are;
-        gives the next one.
-        """
+        """Send those from ``first`` up to but not including ``end``, as far as there are; gives the next one."""
         end = min(end, len(items))
         for seq in range(first, end):
             sent.note(seq)
-            if seq < 0:
-                self._send("MISSION_COUNT", count=len(items))
-            else:
-                self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
+            self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
         return end
 
     def _learn(self, asked: float, tries: int) -> None:
