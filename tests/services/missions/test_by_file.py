@@ -6,11 +6,12 @@ import asyncio
 import functools
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from tests.services.conftest import Bench, StartBench, Told
+from tests.services.conftest import PATIENCE_S, Bench, StartBench, Told
 from tests.services.missions.mission_peer import (
     FENCE,
     FENCE_ITEMS,
@@ -219,7 +220,7 @@ async def test_the_file_s_beginning_is_lost(filing: StartFiling) -> None:
 
 async def test_an_upload_by_another_in_the_middle(filing: StartFiling) -> None:
     """It overwrites items as they are read; the reading waits for its end, and begins again."""
-    b, peer = await filing()
+    b, peer = await filing(pace=replace(QUICK, busy=PATIENCE_S))
     peer.load(MISSION, raw(waypoints(40)))
 
     def begin(offset: int) -> None:

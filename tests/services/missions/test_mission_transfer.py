@@ -152,7 +152,9 @@ async def test_nobody_answers(mission_bench: MissionBench) -> None:
 @pytest.mark.parametrize(("style", "most"), [("ardupilot", 4), ("px4", 1)])
 async def test_so_many_items_are_under_way(mission_bench: MissionBench, style: str, most: int) -> None:
     """A far autopilot has the next items before it asks for them; one that takes only what it asked for has not."""
-    b, peer = await mission_bench(style, pace=TransferTimes())  # a busy machine repeats nothing
+    b, peer = await mission_bench(
+        style, pace=TransferTimes(reply=9.0, shortest=9.0, longest=9.0)
+    )  # nothing is repeated
     peer.load(MISSION, raw(waypoints(3, alt=99.0)))
     take, waiting, under_way = peer.on_mission_item_int, list[Told](), list[int]()
 
