@@ -81,6 +81,27 @@ async def test_what_can_be_uploaded(scene: Scene, tmp_path: Path) -> None:
             await quad.missions.upload([*waypoints(1), MissionItem(command=WAYPOINT, x=100.0)])
 
 
+async def test_an_ardupilot_s_plans_are_read_as_files(scene: Scene) -> None:
+    """A refusal among them: not one item is asked for."""
+    unknown = MissionItem(command="MAV_CMD_NAV_GUIDED_ENABLE", params=[1.0])
+    async with contextlib.AsyncExitStack() as stack:
+        quad, agent = await scene(stack.enter_async_context, stack.enter_context(world()))
+        await quad.wait_until(lambda s: s.uid is not None, PATIENCE_S)  # it has said what it can
+        await quad.missions.upload(waypoints(60))
+        await quad.missions.upload(RALLY, "rally")
+        words = r"refused item 60 \(MAV_CMD_NAV_GUIDED_ENABLE\).*the old mission \(60 items\), restored"
+        with pytest.raises(Refused, match=words):
+            await quad.missions.upload([*waypoints(60, alt=9.0), unknown, *waypoints(5)])
+        assert (await quad.missions.download()).items == waypoints(60)
+        assert [i.z for i in (await quad.missions.download("rally")).items] == [20.0]
+        assert agent.adapter.newest("MISSION_ITEM_INT") is None
+        fence = MissionItem(
+            command="MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION", frame="MAV_FRAME_GLOBAL", params=[300.0], x=LAT, y=LON
+        )
+        await quad.missions.upload([fence], "fence")
+        assert [i.params[0] for i in (await quad.missions.get("fence")).items] == [300.0]
+
+
 async def test_a_mission_is_flown_to_its_end(scene: Scene) -> None:
     async with contextlib.AsyncExitStack() as stack:
         quad, _ = await scene(stack.enter_async_context, stack.enter_context(world()))

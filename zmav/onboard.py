@@ -22,7 +22,7 @@ from zmav.bus import Alive, Bus
 from zmav.errors import BadConfig
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
-from zmav.mavlink import Dialect, Frame, load_dialect
+from zmav.mavlink import Dialect, Frame, command_type, load_dialect
 from zmav.mavlink.signing import Signing, SigningClock, read_key
 from zmav.services.authority.authority import Authority
 from zmav.services.authority.bounds import Bounds
@@ -218,7 +218,7 @@ class Onboard:
         self.camera = TriggeredCamera(companion, commander, self.params.value)
         is_vehicle = gate.is_vehicle if gate else keys.anything
         self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check, self.params.value)
-        self.missions = Missions(companion, commander, bounds)
+        self.missions = Missions(companion, commander, bounds, ftp)
         self.flight = Flight(
             companion,
             self.state,
@@ -336,6 +336,7 @@ class Onboard:
 
     async def _judge_command(self, args: wire.RunCommand, report: Report) -> None:
         """A MAV_CMD by its name is judged as its verb is."""
+        await asyncio.to_thread(command_type, self.adapter.dialect, args.command)  # the first reads the dialect's XML
         command = self.payload.judge_command(args)
         if command.name == "MAV_CMD_COMPONENT_ARM_DISARM" and command.padded()[0] != 0.0:
             await self.flight.judge_arming()

@@ -148,7 +148,7 @@ async def ours(url: str, items: int, moved: float, phases: dict[str, list[float]
         settings = OnboardSettings(link=url, name="quad1", cache=folder)
         async with Onboard(session, settings) as onboard, zmav.open(connect=[endpoint]) as z:
             v = z.vehicle("quad1")
-            await v.wait_until(lambda s: s.connected, 30.0)
+            await v.wait_until(lambda s: s.connected and s.uid is not None, 30.0)  # it has said what it is
             plan = [
                 wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=lat, y=lon, z=alt)
                 for lat, lon, alt in places(items, moved)

@@ -9,9 +9,12 @@ import pytest
 from pymavlink import mavftp, mavutil
 
 from tests.packed_params import unpack_params
+from zmav.mavlink import plan_file
 from zmav.mavlink.ftp import MOST_DATA, DirectoryEntry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.sim import World
+from zmav.sim.autopilots.ardupilot.mission import State
+from zmav.sim.autopilots.items import Item
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.storage import Storage
 from zmav.sim.protocol.filesystem import MOST, FileError, FileSystem
@@ -134,6 +137,7 @@ def test_a_burst_is_500_packets_and_ends_with_the_file(client: Client) -> None:
         (Op.LIST_DIRECTORY, b"/", {"offset": 1 << 31}, Nak.EOF),
         (Op.OPEN_FILE_RO, b"/APM", {}, Nak.FILE_NOT_FOUND),
         (Op.OPEN_FILE_RO, b"\xff\xfe", {}, Nak.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"@MISSION/other.dat", {}, Nak.FILE_NOT_FOUND),
         (Op.CREATE_FILE, b"/nowhere/x", {}, Nak.FILE_NOT_FOUND),
         (Op.CREATE_FILE, b"/APM", {}, Nak.FILE_PROTECTED),
         (Op.CREATE_FILE, b"/APM/LOGS/x", {}, Nak.FILE_PROTECTED),
@@ -219,3 +223,141 @@ def test_a_packet_there_and_back() -> None:
         DirectoryEntry("c", 0),
         None,
     ]
+
+
+def test_plans_are_files_as_pymavlink_reads_them(client: Client) -> None:
+    """Header and items as MAVProxy takes them apart, each item as it is when it is read."""
+    desk, copter = client.desk, client.desk.vehicle.copter
+    places = [Item(command=16, frame=3, x=-353632610 + n, y=1491652300, z=20.0 + n, p1=1.0) for n in range(30)]
+    for item in places:
+        copter.mission.add(item)
+    copter.rally.items = (Item(command=5100, frame=3, x=-353632610, y=1491652300, z=40.0, autocontinue=1),)
+    layout = mavutil.mavlink.MAVLink_mission_item_int_message.unpacker
+    for kind, number, count in (("mission", 0, 31), ("fence", 1, 0), ("rally", 2, 1)):
+        opened = client.ask(Op.OPEN_FILE_RO, f"@MISSION/{kind}.dat".encode())
+        assert int.from_bytes(opened.data, "little") == 1 << 20  # it is not read for that
+        data = b""
+        while (answer := client.ask(Op.READ_FILE, size=100, offset=len(data))).nak is None:
+            data += answer.data
+        assert answer.nak is Nak.EOF
+        assert client.ask(Op.TERMINATE_SESSION).opcode == Op.ACK
+        assert struct.unpack_from("<5H", data) == (0x763D, number, 0, 0, count)
+        assert len(data) == 10 + count * layout.size
+        rows = [layout.unpack_from(data, 10 + n * layout.size) for n in range(count)]
+        desk.clear("MISSION_ITEM_INT")
+        for seq in range(count):
+            desk.send("MISSION_REQUEST_INT", seq=seq, mission_type=number)
+        items = desk.all("MISSION_ITEM_INT")
+        names = ("param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command")
+        assert [row[:9] for row in rows] == [tuple(item[name] for name in names) for item in items]
+        more = ("frame", "current", "autocontinue", "mission_type")
+        assert [row[9:] for row in rows] == [(0, 0, *(item[name] for name in more)) for item in items]
+
+
+def test_a_plan_that_changes_while_it_is_read_is_read_as_it_then_is(client: Client) -> None:
+    mission = client.desk.vehicle.copter.mission
+    for n in range(20):
+        mission.add(Item(command=16, x=1 + n, y=1, z=10.0))
+    client.ask(Op.OPEN_FILE_RO, b"@MISSION/mission.dat")
+    first = client.ask(Op.READ_FILE, size=MOST_DATA)
+    assert struct.unpack_from("<5H", first.data)[4] == 21
+    mission.open(12)
+    rest = client.ask(Op.READ_FILE, size=MOST_DATA, offset=MOST_DATA)
+    assert MOST_DATA + len(rest.data) == 10 + 12 * 38
+    assert client.ask(Op.READ_FILE, size=MOST_DATA, offset=10 + 12 * 38).nak is Nak.EOF
+
+
+def plan_of(desk: Desk, kind: int, *items: dict[str, Any], **header: int) -> bytes:
+    head = {"magic": 0x763D, "kind": kind, "options": 0, "start": 0, "count": len(items), **header}
+    packed = (plan_file.pack_item({"seq": n, "frame": 3, **item}, desk.dialect) for n, item in enumerate(items))
+    return struct.pack("<5H", *head.values()) + b"".join(packed)
+
+
+def waypoint(z: float, **more: Any) -> dict[str, Any]:
+    return {"command": 16, "autocontinue": 1, "x": -353632610, "y": 1491652300, "z": z, **more}
+
+
+def put(client: Client, kind: str, data: bytes) -> None:
+    """Written, closed, and acknowledged whatever became of it."""
+    assert client.ask(Op.CREATE_FILE, f"@MISSION/{kind}.dat".encode()).opcode == Op.ACK
+    for at in range(0, len(data), MOST_DATA):
+        assert client.ask(Op.WRITE_FILE, data[at : at + MOST_DATA], offset=at).opcode == Op.ACK
+    assert client.ask(Op.READ_FILE, size=10).nak is Nak.FAIL
+    assert client.ask(Op.CREATE_FILE, f"@MISSION/{kind}.dat".encode()).nak is Nak.FAIL  # one at a time
+    assert client.ask(Op.TERMINATE_SESSION).opcode == Op.ACK
+
+
+def altitudes(desk: Desk) -> list[float]:
+    mission = desk.vehicle.copter.mission
+    return [item.z for seq in range(1, len(mission)) if isinstance(item := mission.read(seq), Item)]
+
+
+@pytest.mark.parametrize(
+    ("change", "left"),
+    [
+        ({}, [30.0, 31.0, 32.0]),
+        ({"magic": 0x671B}, [10.0, 11.0]),
+        ({"count": 3}, [10.0, 11.0]),  # fewer than are there
+        ({"count": 5}, [10.0, 11.0]),
+        ({"options": 1}, [30.0, 31.0, 32.0]),
+        ({"options": 1, "start": 2}, [10.0, 0.0, 30.0, 31.0, 32.0]),  # whose first is no home there
+        ({"options": 1, "start": 9}, [10.0, 11.0]),
+    ],
+)
+def test_a_mission_is_written_as_a_file(client: Client, change: dict[str, int], left: list[float]) -> None:
+    desk = client.desk
+    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(10.0), waypoint(11.0)))
+    put(client, "mission", plan_of(desk, 0, waypoint(0.0), *(waypoint(z) for z in (30.0, 31.0, 32.0)), **change))
+    assert altitudes(desk) == left
+
+
+@pytest.mark.parametrize(
+    ("third", "left"),
+    [
+        ({"command": 999}, [30.0]),  # it was cleared before that was seen, and nobody is told
+        ({"command": 177, "param1": 4.0}, [30.0]),
+        ({"command": 0, "seq": 0, "frame": 0, "autocontinue": 0, "x": 0, "y": 0, "z": 0.0}, [10.0, 11.0]),
+    ],
+)
+def test_a_bad_item_of_a_file_leaves_half_a_mission(client: Client, third: dict[str, Any], left: list[float]) -> None:
+    """What is nothing but zeros was never written: then all of it is refused."""
+    desk = client.desk
+    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(10.0), waypoint(11.0)))
+    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(30.0), {**waypoint(31.0), **third}, waypoint(32.0)))
+    assert altitudes(desk) == left
+    assert not desk.all("MISSION_ACK")
+
+
+def test_a_mission_that_is_flown_keeps_its_end(client: Client) -> None:
+    """A file cannot clear it, so the rest of the old one stays behind a shorter one."""
+    desk = client.desk
+    put(client, "mission", plan_of(desk, 0, waypoint(0.0), *(waypoint(10.0 + n) for n in range(5))))
+    desk.put_up()
+    assert desk.command(176, 1, 3) == 0
+    desk.until(lambda: desk.vehicle.copter.mission.state is State.RUNNING)
+    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(30.0)))
+    assert altitudes(desk) == [30.0, 11.0, 12.0, 13.0, 14.0]
+
+
+def test_fences_and_rally_points_are_written_as_files(client: Client) -> None:
+    copter = client.desk.vehicle.copter
+    circle, point = waypoint(0.0, command=5003, param1=90.0), waypoint(20.0, command=5100)
+    put(client, "fence", plan_of(client.desk, 1, circle))
+    put(client, "rally", plan_of(client.desk, 2, point, point))
+    assert (len(copter.fence.items), len(copter.rally)) == (1, 2)
+    put(client, "fence", plan_of(client.desk, 1, circle, waypoint(0.0)))
+    put(client, "fence", plan_of(client.desk, 1, circle, circle, options=1))
+    put(client, "rally", plan_of(client.desk, 2, point, options=1))
+    assert (len(copter.fence.items), len(copter.rally)) == (1, 2)
+    put(client, "rally", plan_of(client.desk, 2, point, waypoint(0.0), point))
+    assert len(copter.rally) == 1  # what stood before the bad one
+
+
+def test_a_file_that_nobody_closes_is_closed_for_the_next(client: Client) -> None:
+    desk = client.desk
+    data = plan_of(desk, 0, waypoint(0.0), waypoint(30.0))
+    assert client.ask(Op.CREATE_FILE, b"@MISSION/mission.dat", session=5).opcode == Op.ACK
+    assert client.ask(Op.WRITE_FILE, data, session=5).opcode == Op.ACK
+    desk.world.step(3.1)
+    assert client.ask(Op.LIST_DIRECTORY, b"/", session=6).opcode == Op.ACK
+    assert altitudes(desk) == [30.0]

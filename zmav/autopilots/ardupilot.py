@@ -19,6 +19,13 @@ _OWN_GCS = Need(
     "ArduPilot takes sticks and RC overrides only from its ground station's system id, and we speak with the vehicle's",
 )
 """We do not speak with the ground station's id instead: every override would then hide that it is lost"""
+HAS_FILES = 0x20
+"""MAV_PROTOCOL_CAPABILITY_FTP; whether plans are among the files, only asking for one tells"""
+PLAN_FILES = frozenset({"mission", "rally"})
+"""The file server has a thread of its own. It locks the mission while it reads an item, and rally points lie in storage
+alone; but the index of a fence it reads, or makes, without a lock, while the main loop may be making it anew
+(AC_PolyFence_loader): after each upload of a fence, that is when it would be read back.
+"""
 OVERRIDES: Mapping[Level, tuple[Need, ...]] = {"manual": (_OWN_GCS,), "rc": (_OWN_GCS,)}
 THRUST_AS_THRUST = Need(
     ("GUID_OPTIONS",),
@@ -155,7 +162,7 @@ class ArduPilot(Autopilot):
     camera_params: ClassVar[tuple[str, ...]] = ("CAM1_TYPE", "CAM2_TYPE")
     own_params: ClassVar[tuple[str, ...]] = tuple(_OWN_PARAMS.split())
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, *, files: frozenset[str] = frozenset()) -> None:
         super().__init__(kind)
         self.rules = RULES.get(kind, COPTER)
         self.keepalive_hz = self.rules.keepalive_hz
@@ -165,12 +172,20 @@ class ArduPilot(Autopilot):
         self.home_circle_param = "RTL_RADIUS" if self.rules.circles else None
         self.home_height_params = ("RTL_ALT_FINAL", "RTL_ALT_FINAL_M") if self.lands_after_rtl else ()
         self.missions = MissionRules(
-            mode="AUTO", start_command=self.rules.takeoff_command, home_first=True, window=4, exact=False
+            mode="AUTO",
+            start_command=self.rules.takeoff_command,
+            home_first=True,
+            window=4,
+            files=files,
+            exact=False,
         )
         pairs = (pair.split(":") for pair in self.rules.modes.split())
         self._modes = {name: base.custom_mode(name, int(number)) for name, number in pairs}
         self._names = {mode.custom: name for name, mode in self._modes.items()}
         self._unarmable = frozenset(self.rules.unarmable.split())
+
+    def told(self, capabilities: int) -> Autopilot:
+        return ArduPilot(self.kind, files=PLAN_FILES if capabilities & HAS_FILES else frozenset())
 
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         return self._names.get(custom_mode, f"MODE_{custom_mode}")

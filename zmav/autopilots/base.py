@@ -162,7 +162,10 @@ class MissionRules:
     home_first: bool = False
     """item 0 on the autopilot is home, and no part of the mission"""
     window: int = 1
-    """items of a download that may be asked for at once: more than one where each request stands for itself"""
+    """items that may be under way at once: more than one where each request of a download stands for itself, and an
+    upload takes the next item as soon as it has the one before, asked for or not"""
+    files: frozenset[str] = frozenset()
+    """kinds of plans that may be read as files, too: :mod:`zmav.mavlink.plan_file`"""
     set_by_command: bool = True
     """it knows MAV_CMD_DO_SET_MISSION_CURRENT; False: the message MISSION_SET_CURRENT alone"""
     mission_frame: bool = False

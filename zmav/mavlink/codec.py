@@ -61,12 +61,13 @@ def decode(frame: Frame, dialect: Dialect) -> dict[str, Any]:
     if not frame.verified:
         # Its splitter had another dialect, and could not check what this one can.
         parse_frame(frame.data, dialect)
-    return _unpack(message, frame)
+    return unpack(message, frame.payload)
 
 
-def _unpack(message: MessageType, frame: Frame) -> dict[str, Any]:
+def unpack(message: MessageType, payload: bytes) -> dict[str, Any]:
+    """The fields of a payload, as :func:`decode` gives them."""
     size = message.max_length
-    raw = message.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
+    raw = message.struct.unpack(payload[:size].ljust(size, b"\0"))
     if message.order is not None:
         return dict(zip(message.by_name, message.order(raw), strict=True))
     found: dict[str, Any] = {}

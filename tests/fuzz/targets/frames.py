@@ -20,8 +20,11 @@ from zmav.mavlink import ftp as ftp_packets
 from zmav.mavlink.checksum import checksum
 from zmav.mavlink.event import read_event
 from zmav.mavlink.ftp import Packet
+from zmav.mavlink.plan_file import pack_header, pack_item
 from zmav.mavlink.signing import Signing
 from zmav.mavlink.statustext import MSGID, TextJoiner
+from zmav.services.missions.by_file import PlanFile
+from zmav.services.missions.items import HOME
 
 KEY = bytes(range(32))
 TX = "zmav/demo/quad1/mav/tx/1/1/COMMAND_LONG"
@@ -195,6 +198,20 @@ def ftp_payloads() -> list[bytes]:
     return [ftp_packets.pack(each) for each in (*answers, Packet(3, 1, 15, 239, offset=1 << 31))] + [listed]
 
 
+def plan_file(data: bytes) -> None:
+    """A plan's file as it comes, in packets; what holds all its items can be written again."""
+    file = PlanFile("mission", the_dialect(), lambda done, of: None)
+    for at in range(0, len(data), ftp_packets.MOST_DATA):
+        file.put(at, data[at : at + ftp_packets.MOST_DATA])
+    for raw in file.items():
+        pack_item({**raw.fields(), "mission_type": 0}, the_dialect())
+
+
+def plan_files() -> list[bytes]:
+    item = pack_item(HOME.fields(), the_dialect())
+    return [pack_header(0, count) + count * item for count in (0, 1, 20)]
+
+
 def fields(data: bytes) -> None:
     """A frame made of its fields in JSON, as zenoh's own command line gives them; and anything shown."""
     for key in (TX, "zmav/demo/quad1/state", "@/x/router", ""):
@@ -214,5 +231,6 @@ TARGETS = (
     Target("signed_frames", pure(signatures), signed_frames, 1000, stream),
     Target("statustext", pure(texts), text_pieces),
     Target("ftp", pure(ftp), ftp_payloads, 3000),
+    Target("plan_file", pure(plan_file), plan_files, 1000),
     Target("frame_fields", pure(fields), field_objects),
 )

@@ -49,7 +49,7 @@ class Disk(NamedTuple):
 
     def there(self, path: str) -> bytes:
         """A file of the vehicle."""
-        return self.call(lambda: self.storage.files.open(path, 239))
+        return self.call(lambda: self.storage.files.open(path, 239)[:])
 
     def log(self, data: bytes) -> bytes:
         """A log on the vehicle."""

@@ -12,7 +12,7 @@ from tests.packed_params import unpack_params
 from tests.services.files.disk import PATIENCE_S, disk, noise, same
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
-from zmav.mavlink import ftp
+from zmav.mavlink import ftp, load_dialect, plan_file
 from zmav.mavlink.ftp import Nak, Op
 from zmav.mavlink.packed_params import PATH
 from zmav.services.files.ftp_requests import Talk
@@ -77,6 +77,17 @@ async def test_what_the_server_refuses_is_said_in_words(net: Net, onboard: Start
         for path in ("", "a\0b", "x" * 239):
             with pytest.raises(BadInput, match="cannot be a path"):
                 await d.v.files.remove(path)
+
+
+async def test_a_plan_is_not_written_past_its_judges(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        item = {"command": 16, "frame": 3, "x": 900000000, "y": 0, "z": 5000.0}
+        data = plan_file.pack_header(0, 2) + 2 * plan_file.pack_item(item, load_dialect())
+        for path in ("@MISSION/mission.dat", "/@MISSION/mission.dat"):
+            with pytest.raises(BadInput, match="is a plan of the autopilot's: mission_upload writes it"):
+                await d.v.files.put_bytes(data, path)
+        assert len(d.world.vehicles[0].copter.mission) <= 1  # home
+        assert (await d.v.files.get("@MISSION/mission.dat", tmp_path)).read_bytes()[:2] == data[:2]  # it can be read
 
 
 async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:

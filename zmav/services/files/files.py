@@ -26,6 +26,7 @@ from zmav.wire.files import CHUNK, MOST_CHUNKS, read_offset
 
 T = TypeVar("T")
 ATTEMPTS = 2
+PLANS = "@MISSION"
 GENERATED = 1 << 20
 """bytes that are read at most of a file whose size the autopilot only guesses"""
 
@@ -72,6 +73,9 @@ class Files:
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
         args.check()
+        if args.path.lstrip("/").startswith(PLANS):  # nobody would judge where it leads
+            text = f"{args.path} is a plan of the autopilot's: mission_upload writes it"
+            raise BadInput(text, field="path", value=args.path, expected="another file")
         return await self.transfer(self._put(args, report))
 
     async def _put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:

@@ -55,22 +55,21 @@ class FtpReader:
                 await self._talk.pipeline(Op.READ_FILE, self._holes(), self._on_read)
 
     def _holes(self) -> Iterator[Job]:
-        """What is missing, as reads."""
-        count = 0
-        for start, end in self._sink.gaps:
-            for offset in range(start, end, MOST_DATA):
-                yield Job(offset, MOST_DATA)
-                count += 1
-                if count >= AT_ONCE:
-                    return
+        """What is missing, as reads; looked up for each, for an answer may say that the file is shorter."""
+        at = 0
+        for _ in range(AT_ONCE):
+            at = next((max(start, at) for start, end in self._sink.gaps if end > at), -1)
+            if at < 0:
+                return
+            yield Job(at, MOST_DATA)
+            at += MOST_DATA
 
     def _on_read(self, job: Job, answer: Packet) -> None:
         if answer.nak is Nak.EOF or (answer.nak is None and not answer.data):
             self._sink.cut(job.offset)
             self._barren = 0
-        elif answer.nak is not None:
-            raise Refused(f"reading failed: {answer.reason}", nak=answer.nak.name, reasons=[answer.reason])
         else:
+            _check(answer, "reading failed")
             self._take(answer)
 
     def _take(self, packet: Packet) -> None:
@@ -105,7 +104,7 @@ class FtpReader:
     def _judge(self, packet: Packet) -> None:
         """A NAK ends the bursts: at the file's end single reads fill what was lost, and tell where the end is."""
         if packet.nak not in (Nak.EOF, Nak.UNKNOWN_COMMAND, Nak.FAIL, Nak.INVALID_DATA_SIZE):
-            raise Refused(f"reading failed: {packet.reason}", nak=str(packet.nak), reasons=[packet.reason])
+            _check(packet, "reading failed")
         self._bursts = False
 
 
@@ -120,6 +119,8 @@ HEARTBEAT_WAIT = 4.0
 CRC_GIVE_UP = 30.0
 """s for a checksum: a slow autopilot reads its card at 100 kB/s"""
 BUSY = (Nak.INVALID_SESSION, Nak.NO_SESSIONS_AVAILABLE)
+MAYBE_BUSY = (Nak.FAIL, *BUSY)
+"""what a file that cannot be opened now is refused with"""
 
 
 def check_path(path: str) -> bytes:
@@ -193,13 +194,16 @@ class Ftp:
 
     # Transfers.
 
-    async def fetch(self, path: str, begin: Callable[[int], S], report: Report) -> tuple[S, TransferMeter]:
+    async def fetch(
+        self, path: str, begin: Callable[[int], S], report: Report, busy: Sequence[Nak] = MAYBE_BUSY
+    ) -> tuple[S, TransferMeter]:
         """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for. ``size`` is the
-        server's word, and more than there is of a file that is made as it is read.
+        server's word, and more than there is of a file that is made as it is read. ``busy``: refusals after which it
+        is tried again for a while.
         """
         raw = check_path(path)
         async with self._talk(f"getting {path}", report) as talk:
-            answer = await self._open(talk, Op.OPEN_FILE_RO, raw, f"cannot read {path}", path)
+            answer = await self._open(talk, Op.OPEN_FILE_RO, raw, f"cannot read {path}", path, busy)
             try:
                 size = int.from_bytes(answer.data[:4], "little")
                 sink = begin(size)
@@ -274,10 +278,12 @@ class Ftp:
             if answer.nak is not Nak.INVALID_SESSION:
                 await talk.ask(Op.RESET_SESSIONS)
 
-    async def _open(self, talk: Talk, op: Op, raw: bytes, words: str, path: str) -> Packet:
+    async def _open(
+        self, talk: Talk, op: Op, raw: bytes, words: str, path: str, busy: Sequence[Nak] = MAYBE_BUSY
+    ) -> Packet:
         talk.session = self._port.address[1]
         self._dirty = True  # until the session is closed, and seen to be
-        answer = await self._ask(talk, op, raw, busy=(Nak.FAIL, *BUSY))
+        answer = await self._ask(talk, op, raw, busy=busy)
         _check(answer, words, path)
         talk.session = answer.session
         return answer
@@ -289,11 +295,12 @@ class Ftp:
             self._dirty = False
 
 
-def _check(answer: Packet, words: str, path: str) -> None:
+def _check(answer: Packet, words: str, path: str | None = None) -> None:
     """Raises :class:`Refused` for a NAK."""
     if answer.nak is not None:
         name, reason = answer.nak.name, answer.reason
-        raise Refused(f"{words}: {reason}", path=path, nak=name, reasons=[reason])
+        where = {} if path is None else {"path": path}
+        raise Refused(f"{words}: {reason}", **where, nak=name, reasons=[reason])
 
 
 def _parts(data: bytes) -> Iterator[Job]:

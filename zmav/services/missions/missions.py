@@ -24,7 +24,9 @@ from zmav.errors import BadInput, Stale, ZmavError
 from zmav.mavlink import Frame
 from zmav.services.authority.bounds import Bounds
 from zmav.services.companion import Companion
+from zmav.services.files.ftp import Ftp
 from zmav.services.link.heard import AutopilotMessages
+from zmav.services.missions.by_file import FileTransfer
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
 from zmav.services.missions.replace import NotReplaced, Phase, Replacer
 from zmav.services.missions.transfer import Download, Step, Transfer, TransferTimes, opaque_ids
@@ -80,10 +82,11 @@ class Missions:
         companion: Companion,
         commander: Commander,
         bounds: Bounds,
+        ftp: Ftp,
         pace: TransferTimes | None = None,
     ) -> None:
         self._questions, self._port, self._identity = companion.questions, companion.port, companion.identity
-        self._bounds = bounds
+        self._bounds, self._ftp = bounds, ftp
         self._do, self._events, self.pace = commander, companion.events, pace or TransferTimes()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
@@ -93,6 +96,8 @@ class Missions:
         self._owed: dict[MissionKind, tuple[Owner, Download, list[Raw]]] = {}
         """plans to be put back where an upload ended without a word of the autopilot: whose, the old, the new"""
         self._mended = 0.0
+        self._no_file: set[tuple[Owner, MissionKind]] = set()
+        """autopilots and plans of which there is no file"""
         self._tasks: set[asyncio.Task[Any]] = set()
         handlers = {
             "MISSION_CURRENT": self._on_current,
@@ -122,7 +127,8 @@ class Missions:
         """Replace the whole plan of that kind, and see it there; nothing, by clearing. Refused items are named by
         their index, and whatever goes wrong, the error says which plan is in force.
         """
-        return await self._replace(args.kind, self.items().encode(args.kind, args.items), report, force=args.force)
+        new = await asyncio.to_thread(self.items().encode, args.kind, args.items)  # the first reads the dialect's XML
+        return await self._replace(args.kind, new, report, force=args.force)
 
     async def clear(self, args: wire.MissionClear, report: Report) -> dict[str, Any]:
         """Leave none of that kind."""
@@ -236,7 +242,11 @@ class Missions:
             yield
 
     def _transfer(self, kind: MissionKind) -> Transfer:
-        return Transfer(self._port, self._do.source(), kind, self.pace, self._do.autopilot().missions.window)
+        rules, plan = self._do.autopilot().missions, (self._owner(), kind)
+        given = self._port, self._do.source(), kind, self.pace, rules.window
+        if kind in rules.files and plan not in self._no_file:
+            return FileTransfer(*given, self._ftp, lambda: self._no_file.add(plan))
+        return Transfer(*given)
 
     def _replacer(self, kind: MissionKind, phase: Phase) -> Replacer:
         exact = self._do.autopilot().missions.exact
@@ -375,7 +385,7 @@ class Missions:
             raise Stale(f"the {WORDS[kind]} are being read: {far}; ask again", reading=True, **progress) from None
         at = (self.progress.current, self.progress.reached, self.progress.state)
         if held.encoded is None or held.encoded[0] != at:
-            held.encoded = (at, wire.encode(self._mission(kind, held)))
+            held.encoded = (at, await asyncio.to_thread(lambda: wire.encode(self._mission(kind, held))))
         return held.encoded[1]
 
     def _key(self, kind: MissionKind) -> str:

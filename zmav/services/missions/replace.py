@@ -100,7 +100,8 @@ class Replacer:
 
     def _explained(self, error: VehicleError, full: Sequence[Raw], since: float) -> VehicleError:
         """A refusal in words: the item as its sender counts, its command, and what the autopilot said."""
-        seq, reasons = error.detail.get("seq"), self._events.texts_since(since)
+        # What was sent a second time to learn which item it is was refused with the same words.
+        seq, reasons = error.detail.get("seq"), list(dict.fromkeys(self._events.texts_since(since)))
         if "result" not in error.detail:
             return error
         item = seq - self._items.offset(self._kind) if seq is not None else None

@@ -19,7 +19,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
-from zmav.errors import Refused, TimedOut, Unsupported
+from zmav.errors import Refused, TimedOut, Unsupported, VehicleError
 from zmav.mavlink import Frame, decode
 from zmav.mavlink.results import MissionResult
 from zmav.services.link.port import Port, RoundTrip, is_ours, listening
@@ -42,7 +42,28 @@ Heard = tuple[str, Mapping[str, Any]]
 Waits = Generator[float, "Heard | None", T]
 """A transaction"""
 
+COUNT = -1
+"""stands before item 0: the answer to MISSION_COUNT is the request for that"""
 NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
+
+
+class _Sent:
+    """What of a plan was sent, by item (COUNT: how many there are), and the last item that was ``asked`` for."""
+
+    def __init__(self) -> None:
+        self._items: dict[int, tuple[float, int]] = {}
+        self.asked = COUNT
+
+    def note(self, seq: int) -> None:
+        self._items[seq] = time.monotonic(), self.times(seq)[1] + 1
+
+    def times(self, seq: int) -> tuple[float, int]:
+        """When it was last sent, and how often."""
+        return self._items.get(seq, (0.0, 0))
+
+    def whole(self, count: int) -> bool:
+        """All ``count`` items were sent, and the last one was asked for: so those before it were not lost."""
+        return self.asked == count - 1 and len(self._items) == count + 1
 
 
 @dataclass(frozen=True)
@@ -79,6 +100,10 @@ class Busy(Exception):
     """The autopilot is in another's transaction."""
 
 
+class _OneOfMany(Exception):
+    """One of several items under way was refused: which of them, only sending them one by one tells."""
+
+
 def opaque_ids(frame: Frame, name: str) -> tuple[int | None, ...]:
     """The ids of plans in the frame of MISSION_COUNT, _ACK or _CURRENT (mission, fence, rally); None: it gives none."""
     start, count = OPAQUE_ID[name]
@@ -87,7 +112,7 @@ def opaque_ids(frame: Frame, name: str) -> tuple[int | None, ...]:
 
 
 class Transfer:
-    """Transactions of one kind with the autopilot at ``source``. ``window``: how many items to ask for at once."""
+    """Transactions of one kind with the autopilot at ``source``. ``window``: how many items are under way at once."""
 
     def __init__(
         self, port: Port, source: tuple[int, int], kind: MissionKind, times: TransferTimes, window: int = 1
@@ -103,7 +128,10 @@ class Transfer:
         Raises :class:`Refused` or :class:`Unsupported` with the result and the item, or :class:`TimedOut`: what the
         autopilot then holds is not known.
         """
-        return await self._patiently(UPLOAD, lambda: self._upload(items, step))
+        try:
+            return await self._patiently(UPLOAD, lambda: self._upload(items, step, self._window))
+        except _OneOfMany:
+            return await self._patiently(UPLOAD, lambda: self._upload(items, step, 1))
 
     async def download(self, step: Step) -> Download:
         """Read the whole plan; begun again where it changes meanwhile. Raises as :meth:`upload` does."""
@@ -111,7 +139,7 @@ class Transfer:
             found = await self._patiently(DOWNLOAD, lambda: self._download(step))
             if found is not None:
                 return found
-        raise Refused(f"the {self._words} keep changing while they are read", vehicle=self._port.name)
+        raise self._keeps_changing()
 
     async def clear(self) -> None:
         """Remove every item. Raises as :meth:`upload` does."""
@@ -173,54 +201,68 @@ class Transfer:
             return None
         return name, {**fields, "opaque_id": opaque_ids(frame, name)[0]} if name in OPAQUE_ID else fields
 
-    def _upload(self, items: Sequence[Raw], step: Step) -> Waits[Ended]:
-        count, sent, complaints = len(items), [0] * len(items), 0
-        last, tries, asked_at = -1, 1, time.monotonic()
-        self._send("MISSION_COUNT", count=count)
+    def _upload(self, items: Sequence[Raw], step: Step, window: int) -> Waits[Ended]:
+        count, sent, complaints = len(items), _Sent(), 0
+        last, tries = -1, 1
+        unsent = 0  # the first item that was not sent yet, or that is to be sent again
+        self._send_count(count, sent)
         for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
             heard = yield time.monotonic() + self._trip.timeout
             if heard is not None and heard[0] == "MISSION_ACK":
                 complaints += heard[1]["type"] not in NO_COMPLAINT
                 if last >= 0 or heard[1]["type"] != MissionResult.ERROR or complaints >= COMPLAINTS:
-                    ended = self._judge(heard[1], sent, last)
-                    if ended is not None:
+                    ended = self._judge(heard[1], sent, last, count)
+                    if isinstance(ended, Ended):
                         return ended
+                    if ended is not None and unsent <= last + 1:
+                        raise ended
+                    if ended is not None:  # it is of an item behind that one, where the request for it was lost
+                        yield from self._quiet(4 * window)
+                        raise _OneOfMany
             elif heard is not None and heard[1]["seq"] < count:
                 seq = heard[1]["seq"]
+                if seq <= last:
+                    unsent = seq  # it is asked for again
                 if seq != last:
-                    self._learn(asked_at, tries)
-                    last, tries, asked_at = seq, 0, time.monotonic()
+                    self._learn(*sent.times(seq - 1))
+                    last, tries, sent.asked = seq, 0, max(sent.asked, seq)
                     step(seq, count)
                 tries += 1
-                self._send_item(items, seq, sent)
+                unsent = self._send_items(items, max(seq, unsent), seq + window, sent)
             elif heard is None:
-                if all(sent) and tries >= 4:
+                if sent.whole(count) and tries >= 4:
                     return Ended(None, sure=False)  # its last word was lost, and it says no other
                 if tries >= self._times.attempts:
                     break
                 tries += 1
                 if last < 0:
-                    self._send("MISSION_COUNT", count=count)
+                    self._send_count(count, sent)
                 else:
-                    self._send_item(items, last, sent)
+                    unsent = self._send_items(items, last, last + window, sent)
         what = f"item {last} of {count} (home included)" if last >= 0 else "the number of items"
         raise TimedOut(
             f"upload of the {self._words}: the autopilot does not go on after {what}", vehicle=self._port.name
         )
 
-    def _judge(self, ack: Mapping[str, Any], sent: list[int], last: int) -> Ended | None:
-        """What a MISSION_ACK says of an upload; None: nothing."""
+    def _judge(self, ack: Mapping[str, Any], sent: _Sent, last: int, count: int) -> Ended | VehicleError | None:
+        """What a MISSION_ACK says of an upload: its end, a refusal of item ``last``, or None, nothing."""
         result = ack["type"]
         if result == MissionResult.ACCEPTED:
-            # Before everything was sent it is a late one, of some transaction before.
-            return Ended(ack["opaque_id"], sure=True) if all(sent) else None
+            # Before everything was asked for it is a late one, of some transaction before.
+            return Ended(ack["opaque_id"], sure=True) if sent.whole(count) else None
         if result == MissionResult.INVALID_SEQUENCE:
-            return None  # an item that we repeated came twice; ArduPilot says so and goes on
+            return None  # an item came twice, or before one that was lost; ArduPilot says so and goes on
         if result == MissionResult.DENIED and last < 0:
             raise Busy
-        if all(sent) and sent[-1] > 1 and result == MissionResult.ERROR:
+        if sent.whole(count) and sent.times(count - 1)[1] > 1 and result == MissionResult.ERROR:
             return Ended(None, sure=False)  # what it does not want is the repeated last item: it had the first
-        raise self._refusal(result, last if last >= 0 else None)
+        return self._refusal(result, last if last >= 0 else None)
+
+    def _quiet(self, most: int) -> Waits[None]:
+        """Let what is still on its way come, ``most`` messages of it: it is no answer to the next transaction."""
+        for _ in range(most):
+            if (yield time.monotonic() + self._trip.timeout) is None:
+                return
 
     def _download(self, step: Step) -> Waits[Download | None]:
         count, opaque_id = yield from self._count()
@@ -305,14 +347,25 @@ class Transfer:
         kind = KINDS[self._kind]
         self._port.send(name, target_system=system, target_component=component, mission_type=kind, **fields)
 
-    def _send_item(self, items: Sequence[Raw], seq: int, sent: list[int]) -> None:
-        sent[seq] += 1
-        self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
+    def _send_count(self, count: int, sent: _Sent) -> None:
+        sent.note(COUNT)
+        self._send("MISSION_COUNT", count=count)
+
+    def _send_items(self, items: Sequence[Raw], first: int, end: int, sent: _Sent) -> int:
+        """Send those from ``first`` up to but not including ``end``, as far as there are; gives the next one."""
+        end = min(end, len(items))
+        for seq in range(first, end):
+            sent.note(seq)
+            self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
+        return end
 
     def _learn(self, asked: float, tries: int) -> None:
         """Of a repeated question nobody can tell which was answered."""
         if tries == 1:
             self._trip.sample(time.monotonic() - asked)
+
+    def _keeps_changing(self) -> Refused:
+        return Refused(f"the {self._words} keep changing while they are read", vehicle=self._port.name)
 
     def _refusal(self, result: int, item: int | None) -> Refused | Unsupported:
         name = self._port.dialect.enum_name("MAV_MISSION_RESULT", result) or str(result)

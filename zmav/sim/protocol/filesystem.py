@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable
+from typing import Protocol
 
 from zmav.mavlink.ftp import DirectoryEntry, Nak
 
@@ -12,8 +13,18 @@ MOST = 8 << 20
 MOST_NAMES = 1024
 """files and directories, likewise"""
 
-Maker = Callable[[str, int], bytes]
+
+class Readable(Protocol):
+    """A file's bytes, each part of them made when it is read or before."""
+
+    def __getitem__(self, part: slice, /) -> bytes:
+        """Fewer than were asked for at its end."""
+
+
+Maker = Callable[[str, int], Readable]
 """Makes a file's bytes: the part of its path behind "?", and the size of the reads it will be read by"""
+Taker = Callable[[bytes], None]
+"""Takes what was written in place of such a file, when it is closed"""
 Stored = Callable[[], dict[str, bytes]]
 """The files of a directory that another part of the vehicle keeps, by name"""
 
@@ -36,14 +47,20 @@ class FileSystem:
         self._directories = {"/"}
         self._files: dict[str, bytearray] = {}
         self._makers: dict[str, tuple[Maker, Callable[[], int]]] = {}
+        self._takers: dict[str, Taker] = {}
+        self._coming: dict[str, bytearray] = {}
         self._stored: dict[str, tuple[Stored, Callable[[str], bool]]] = {}
         for directory in directories:
             parts = directory.strip("/").split("/")
             self._directories.update("/" + "/".join(parts[: i + 1]) for i in range(len(parts)))
 
-    def generate(self, path: str, maker: Maker, size: Callable[[], int]) -> None:
-        """Have ``path`` made again whenever it is opened; ``size`` is what it is said to have before."""
+    def generate(self, path: str, maker: Maker, size: Callable[[], int], take: Taker | None = None) -> None:
+        """Have ``path`` made again whenever it is opened; ``size`` is what it is said to have before. ``take``: who is
+        given what is written to it; None: it cannot be written.
+        """
         self._makers[path] = (maker, size)
+        if take is not None:
+            self._takers[path] = take
 
     def attach(self, directory: str, stored: Stored, remove: Callable[[str], bool]) -> None:
         """Show files that are kept elsewhere; ``remove(name)`` says whether there was one."""
@@ -66,7 +83,7 @@ class FileSystem:
         made = self._makers.get(path.partition("?")[0])
         return made[1]() if made else len(self._data(normal(path)))
 
-    def open(self, path: str, read_size: int) -> bytes:
+    def open(self, path: str, read_size: int) -> Readable:
         """A file's bytes now, to be read in steps of ``read_size``."""
         base, _, query = path.partition("?")
         made = self._makers.get(base)
@@ -86,6 +103,9 @@ class FileSystem:
 
     def create(self, path: str) -> None:
         """An empty file, in place of one that is there."""
+        if path in self._takers:
+            self._coming[path] = bytearray()
+            return
         path = normal(path)
         if path in self._directories or self._parent(path) in self._stored:
             raise FileError(Nak.FILE_PROTECTED)
@@ -93,16 +113,22 @@ class FileSystem:
         self._files[path] = bytearray()
 
     def write(self, path: str, offset: int, data: bytes) -> None:
-        path = normal(path)
-        if path not in self._files:
+        coming = self._coming.get(path)
+        file = self._files.get(normal(path)) if coming is None else coming
+        if file is None:
             raise NOT_FOUND
-        file = self._files[path]
         growth = max(offset + len(data) - len(file), 0)
-        if sum(map(len, self._files.values())) + growth > MOST:
+        if sum(map(len, (*self._files.values(), *self._coming.values()))) + growth > MOST:
             raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
         if offset > len(file):
             file.extend(bytes(offset - len(file)))
         file[offset : offset + len(data)] = data
+
+    def close(self, path: str) -> None:
+        """Whoever wrote it is through."""
+        coming = self._coming.pop(path, None)
+        if coming is not None:
+            self._takers[path](bytes(coming))
 
     def remove(self, path: str) -> None:
         path = normal(path)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet, crc32, pack, pack_entry, unpack
 from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
-from zmav.sim.protocol.filesystem import FileError, FileSystem
+from zmav.sim.protocol.filesystem import FileError, FileSystem, Readable
 
 QUEUE = 5
 """requests that wait while another is served; more are lost"""
@@ -31,7 +31,7 @@ class Open:
     session: int
     path: str
     writing: bool
-    data: bytes | None = None
+    data: Readable | None = None
     read_size: int = 0
 
 
@@ -156,7 +156,12 @@ class FtpServer(Part):
             return
         if self._now - self._used < IDLE_S:
             raise FileError(Nak.INVALID_SESSION)
-        self._open = None
+        self._close()
+
+    def _close(self) -> None:
+        if self._open is not None:
+            path, self._open = self._open.path, None
+            self.files.close(path)
 
     def _session(self, packet: Packet) -> int:
         return packet.session if self._fixed is None else self._fixed
@@ -178,7 +183,7 @@ class FtpServer(Part):
 
     def _reset(self, packet: Packet) -> tuple[bytes, int]:
         if self._open is not None and (self._fixed is not None or packet.session == self._open.session):
-            self._open = None
+            self._close()
         return b"", 0
 
     def _list(self, packet: Packet) -> tuple[bytes, int]:
@@ -203,7 +208,7 @@ class FtpServer(Part):
     def _open_write(self, packet: Packet) -> tuple[bytes, int]:
         path = _path(packet)
         self._check_free()
-        if packet.opcode == Op.CREATE_FILE:
+        if packet.opcode == Op.CREATE_FILE or path.startswith("@"):
             self.files.create(path)
         else:
             self.files.size(path)
@@ -224,7 +229,7 @@ class FtpServer(Part):
         size = packet.size or MOST_DATA
         if file.data is None:
             file.read_size, file.data = size, self.files.open(file.path, size)
-        if file.path.startswith("@") and size != file.read_size:
+        if file.path.startswith("@PARAM") and size != file.read_size:
             raise FileError(Nak.FAIL_ERRNO, errno.EINVAL)
         return file.data[offset : offset + size]
 
@@ -257,7 +262,7 @@ class FtpServer(Part):
         path = _path(packet)
         if path.startswith("@"):
             raise FileError(Nak.FAIL)
-        return crc32(self.files.open(path, MOST_DATA)).to_bytes(4, "little"), 0
+        return crc32(self.files.open(path, MOST_DATA)[:]).to_bytes(4, "little"), 0
 
     # ---- bursts
 

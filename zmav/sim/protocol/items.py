@@ -153,10 +153,16 @@ def acknowledge(client: Client, result: int, kind: int, **more: Any) -> None:
 
 def send_item(client: Client, item: Item, kind: int, *, as_int: bool) -> None:
     """An item as MISSION_ITEM_INT, or as MISSION_ITEM with degrees in single precision."""
-    scale = 1.0 / _E7 if item.command in LOCATED else 1.0
-    x, y = (item.x, item.y) if as_int else (item.x * scale, item.y * scale)
-    fields = {field: getattr(item, name) for field, name in _FIELDS.items()}
-    client.reply("MISSION_ITEM_INT" if as_int else "MISSION_ITEM", **fields, x=x, y=y, mission_type=kind)
+    fields = item_fields(item, kind)
+    if not as_int and item.command in LOCATED:
+        fields |= {"x": item.x / _E7, "y": item.y / _E7}
+    client.reply("MISSION_ITEM_INT" if as_int else "MISSION_ITEM", **fields)
+
+
+def item_fields(item: Item, kind: int) -> dict[str, Any]:
+    """As a MISSION_ITEM_INT has them."""
+    own = {field: getattr(item, name) for field, name in _FIELDS.items()}
+    return {**own, "x": item.x, "y": item.y, "mission_type": kind}
 
 
 def read_item(msg: dict[str, Any], *, as_int: bool) -> Item | MissionResult:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import struct
 from typing import NamedTuple
 from urllib.parse import parse_qsl
 
+from zmav.mavlink import plan_file
+from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
+from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, ItemStore
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Part
 from zmav.sim.protocol.filesystem import FileError, FileSystem
 from zmav.sim.protocol.ftp import FtpServer
+from zmav.sim.protocol.items import item_fields, read_item
 from zmav.sim.protocol.logs import MOST_ONE, FlightLog, LogProtocol, LogStore
 from zmav.sim.protocol.params import ParamStore
 
@@ -44,6 +50,12 @@ MESSAGE = Layout(130, "MSG", "QZ", "TimeUS,Message")
 LOGS = "/APM/LOGS"
 GUESS = 12
 """bytes a parameter that ArduPilot says the file of parameters has, before it is made"""
+
+
+PLAN_GUESS = 1 << 20
+"""bytes that ArduPilot says a plan's file has"""
+NO_CLEAR = 1
+"""of a plan's file that is written: its items are put among those that there are"""
 
 
 class DataflashLog(FlightLog):
@@ -78,12 +90,67 @@ class Storage:
         self.files.attach(LOGS, self.logs.files, self.logs.remove)
         params = vehicle.params
         self.files.generate(PATH, lambda query, size: _packed(params, query, size), lambda: len(params) * GUESS)
+        for store in (vehicle.mission, vehicle.fence.items, vehicle.rally):
+            path = plan_file.PATH.format(store.title.lower())
+            take = functools.partial(take_plan, store, node.dialect)
+            self.files.generate(path, functools.partial(PlanFile, store, node.dialect), lambda: PLAN_GUESS, take)
         self.ftp = FtpServer(self.files)
         self.protocol = LogProtocol(self.logs, lambda: vehicle.armed)
 
     @property
     def parts(self) -> tuple[Part, ...]:
         return self.flight_log, self.protocol, self.ftp
+
+
+class PlanFile:
+    """A plan's items (a ``Readable``), each as it is when it is read; how many they are is told as it was at first.
+    As a real one's it ends where an item cannot be read.
+    """
+
+    def __init__(self, store: ItemStore, dialect: Dialect, query: str, read_size: int) -> None:
+        self._store, self._dialect, self._count = store, dialect, len(store)
+
+    def __getitem__(self, part: slice) -> bytes:
+        size = plan_file.size_of(1, self._dialect) - plan_file.HEADER.size
+        at, end = (max(offset - plan_file.HEADER.size, 0) for offset in (part.start, part.stop))
+        data = plan_file.pack_header(self._store.kind, self._count) if at == 0 else b""
+        begins = 0 if at == 0 else plan_file.HEADER.size + at // size * size
+        for seq in range(at // size, min(-(-end // size), len(self._store))):
+            item = self._store.read(seq)
+            if isinstance(item, MissionResult):
+                break
+            data += plan_file.pack_item(item_fields(item, self._store.kind), self._dialect)
+        return data[part.start - begins : part.stop - begins]
+
+
+def take_plan(store: ItemStore, dialect: Dialect, data: bytes) -> None:
+    """What ArduPilot makes of a plan's file that was written, and nobody is told. The old mission is cleared, unless it
+    is being flown, before the items of the new one are looked at; what stands before a bad one stays. So it is with
+    rally points. A fence takes effect as a whole.
+    """
+    if len(data) < plan_file.HEADER.size:
+        return
+    magic, _, options, start, count = plan_file.HEADER.unpack_from(data)
+    rows = plan_file.unpack_items(data, dialect)
+    if magic != plan_file.MAGIC or len(rows) != count or not all(any(row.values()) for row in rows):
+        return  # nothing but zeros is an item that was never written
+    keep, first = options & NO_CLEAR, start if store.kind == MISSION else 0
+    if store.kind == FENCE:
+        if keep or store.open(count) is not MissionResult.ACCEPTED:
+            return
+    elif not keep:
+        store.clear()
+    elif store.kind == RALLY:
+        return
+    for seq, row in enumerate(rows[: store.most], first):
+        item = read_item({**row, "seq": seq}, as_int=True)
+        apart = store.kind == MISSION and seq > len(store)
+        if isinstance(item, MissionResult) or apart or store.put(item, count - 1) is not MissionResult.ACCEPTED:
+            if store.kind == FENCE:
+                store.abandon()
+                return
+            break
+    store.close()
 
 
 def _packed(params: ParamStore, query: str, read_size: int) -> bytes:

@@ -1,0 +1,111 @@
+"""Downloads by the file that ArduPilot makes of each plan: a few round trips, however many items there are.
+
+The file's items are those of the moment at which each of them is read, and nothing in it tells of an upload by another.
+So the mission protocol, which denies all reading meanwhile, is asked for the number of items before and after. Uploads
+stay with that protocol: a file that is written clears the plan before any item of it is looked at, the answer to its
+closing does not tell whether it was taken, and of a mission that is being flown the rest of the old one would stay.
+Which plans can be read so is the autopilot's rule (``MissionRules.files``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+
+from zmav.errors import BadMessage, Refused, Stale, TimedOut
+from zmav.mavlink import Dialect
+from zmav.mavlink.plan_file import PATH, count_of, size_of, unpack_items
+from zmav.services.files.ftp import MAYBE_BUSY, Ftp
+from zmav.services.files.sink import Gaps
+from zmav.services.link.port import Port
+from zmav.services.missions.items import KINDS, MOST, WORDS, Raw, raw_from
+from zmav.services.missions.transfer import DOWNLOAD, Busy, Download, Step, Transfer, TransferTimes
+from zmav.wire import MissionKind
+
+logger = logging.getLogger(__name__)
+BUSY = {nak.name for nak in MAYBE_BUSY}
+
+
+class PlanFile:
+    """The bytes of a plan's file (a ``Sink``), which says itself how many they are."""
+
+    def __init__(self, kind: MissionKind, dialect: Dialect, step: Step) -> None:
+        self._kind, self._dialect, self._step = kind, dialect, step
+        self._size, self._count = size_of(MOST, dialect), 0
+        self.gaps = Gaps([(0, self._size)])
+        self.data = bytearray()
+
+    def put(self, offset: int, data: bytes) -> int:
+        """As ``Sink.put``; raises :class:`BadMessage` where it does not begin as such a file does."""
+        data = data[: max(self._size - offset, 0)]
+        new = self.gaps.fill(offset, offset + len(data))
+        self.data += bytes(max(offset + len(data) - len(self.data), 0))
+        self.data[offset : offset + len(data)] = data
+        if new and offset == 0:
+            self._count = count_of(data, KINDS[self._kind])
+            self.cut(size_of(self._count, self._dialect))
+        if new and self._count:
+            self._step(self._count * (self._size - self.gaps.total) // self._size, self._count)
+        return new
+
+    def cut(self, size: int) -> None:
+        self.gaps.cut(size)
+        self._size = min(self._size, size)
+        del self.data[self._size :]
+
+    def items(self) -> list[Raw]:
+        """Raises :class:`BadMessage` where the file ended before it should."""
+        count = count_of(self.data, KINDS[self._kind])
+        found = [raw_from(fields) for fields in unpack_items(self.data, self._dialect)]
+        if len(found) != count:
+            text = f"the file of the {WORDS[self._kind]} holds {len(found)} items, not {count}"
+            raise BadMessage(text, field="items", value=len(found), expected=str(count))
+        return found
+
+
+class FileTransfer(Transfer):
+    """A :class:`Transfer` that downloads by the plan's file, and as that does where the file cannot be had.
+
+    ``shut`` is called where it never can.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        source: tuple[int, int],
+        kind: MissionKind,
+        times: TransferTimes,
+        window: int,
+        ftp: Ftp,
+        shut: Callable[[], object],
+    ) -> None:
+        super().__init__(port, source, kind, times, window)
+        self._ftp, self._shut = ftp, shut
+
+    async def download(self, step: Step) -> Download:
+        for _ in range(3):
+            before = await self._patiently(DOWNLOAD, self._count)
+            items = await self._read(step)
+            if items is None:
+                return await super().download(step)
+            with contextlib.suppress(Busy):  # it is read again when whoever writes it is through
+                if await self._run(DOWNLOAD, self._count()) == before and before[0] == len(items):
+                    return Download(items, before[1])
+        raise self._keeps_changing()
+
+    async def _read(self, step: Step) -> list[Raw] | None:
+        """The items of the file, home included; None: not now, or never."""
+        task, _ = self._ftp.under_way
+        if task is not None:
+            return None  # a file or a log may be minutes on its way
+        path = PATH.format(self._kind)
+        file = PlanFile(self._kind, self._port.dialect, step)
+        try:
+            await self._ftp.fetch(path, lambda size: file, lambda news: None, busy=())
+            return file.items()
+        except (BadMessage, Refused, Stale, TimedOut) as e:
+            logger.debug("%s: the %s by the mission protocol: %s", self._port.name, WORDS[self._kind], e.message)
+            if e.detail.get("nak") not in BUSY and not isinstance(e, Stale) and e.detail.get("field") != "items":
+                self._shut()
+            return None
