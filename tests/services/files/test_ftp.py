@@ -79,12 +79,14 @@ async def test_what_the_server_refuses_is_said_in_words(net: Net, onboard: Start
                 await d.v.files.remove(path)
 
 
-async def test_a_plan_is_not_written_past_its_judges(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+async def test_plans_and_parameters_are_not_written_past_their_judges(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
     async with disk(net, onboard, tmp_path) as d:
         item = {"command": 16, "frame": 3, "x": 900000000, "y": 0, "z": 5000.0}
         data = plan_file.pack_header(0, 2) + 2 * plan_file.pack_item(item, load_dialect())
-        for path in ("@MISSION/mission.dat", "/@MISSION/mission.dat"):
-            with pytest.raises(BadInput, match="is a plan of the autopilot's: mission_upload writes it"):
+        for path in ("@MISSION/mission.dat", "/@MISSION/mission.dat", "@PARAM/param.pck"):
+            with pytest.raises(BadInput, match="no file on the autopilot's disk: mission_upload writes plans"):
                 await d.v.files.put_bytes(data, path)
         assert len(d.world.vehicles[0].copter.mission) <= 1  # home
         assert (await d.v.files.get("@MISSION/mission.dat", tmp_path)).read_bytes()[:2] == data[:2]  # it can be read

@@ -26,7 +26,8 @@ from zmav.wire.files import CHUNK, MOST_CHUNKS, read_offset
 
 T = TypeVar("T")
 ATTEMPTS = 2
-PLANS = "@MISSION"
+GENERATED_PATH = "@"
+"""begins what ArduPilot makes of its plans and parameters, and takes back as such: nobody would judge them"""
 GENERATED = 1 << 20
 """bytes that are read at most of a file whose size the autopilot only guesses"""
 
@@ -73,8 +74,10 @@ class Files:
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
         args.check()
-        if args.path.lstrip("/").startswith(PLANS):  # nobody would judge where it leads
-            text = f"{args.path} is a plan of the autopilot's: mission_upload writes it"
+        if args.path.lstrip("/").startswith(GENERATED_PATH):
+            text = (
+                f"{args.path} is no file on the autopilot's disk: mission_upload writes plans, and param_set parameters"
+            )
             raise BadInput(text, field="path", value=args.path, expected="another file")
         return await self.transfer(self._put(args, report))
 
