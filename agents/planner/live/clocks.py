@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 import zmav
 from agents.planner.execute.offset import Offset
-from agents.planner.execute.vehicle_command import Clock, ask_time
+from agents.planner.execute.vehicle_command import SURE, Clock, ask_time, learn_time
+from zmav.waiting import together
 
 EVERY = 4.0
 """s between two questions to one vehicle; of a large fleet one vehicle is asked at each look"""
@@ -49,3 +50,9 @@ class Clocks:
         self._asked[name] = time.monotonic()
         if name in self.offsets:
             await ask_time(self._z, name, self.clock, self.offsets[name])
+
+    async def learn(self, names: Iterable[str]) -> None:
+        """As well as those that fly know them, of those that are known worse: a plan's margins depend on it."""
+        now = self.clock.now()
+        unsure = {name: offset for name, offset in self.of(names).items() if not offset.error(now) < SURE}
+        await together(*(learn_time(self._z, name, self.clock, offset) for name, offset in unsure.items()))
