@@ -214,14 +214,14 @@ async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> N
             offset.answered(asked, float(outcome.result["t"]), came)
 
 
-async def learn_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> None:
-    """Ask a vehicle for its time again and again, not waiting for one answer before the next question. One answer is
-    enough where it is known well: the vehicle's clock may have been set since.
+async def learn_time(z: zmav.Client, name: str, clock: Clock, offset: Offset, longest: float = LONGEST) -> None:
+    """Ask a vehicle for its time again and again, not waiting for one answer before the next question, for so many
+    seconds at most. One answer is enough where it is known well: the vehicle's clock may have been set since.
     """
     begun, asking = clock.now(), list[asyncio.Task[None]]()
     known = offset.error(begun) < SURE
     try:
-        while (now := clock.now()) < begun + LONGEST:
+        while (now := clock.now()) < begun + longest:
             asked_enough = any(task.done() for task in asking) if known else len(asking) >= PINGS
             if asked_enough and offset.error(now) < SURE:
                 return

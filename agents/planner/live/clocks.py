@@ -12,6 +12,8 @@ from zmav.waiting import together
 
 EVERY = 4.0
 """s between two questions to one vehicle; of a large fleet one vehicle is asked at each look"""
+SOON = 2.0
+"""s that whoever waits for clocks to be known better waits at most: over bad hops they never are"""
 
 
 class Clocks:
@@ -52,7 +54,7 @@ class Clocks:
             await ask_time(self._z, name, self.clock, self.offsets[name])
 
     async def learn(self, names: Iterable[str]) -> None:
-        """As well as those that fly know them, of those that are known worse: a plan's margins depend on it."""
+        """Ask those whose clocks are known badly again and again, as a flight does: a plan's margins depend on it."""
         now = self.clock.now()
         unsure = {name: offset for name, offset in self.of(names).items() if not offset.error(now) < SURE}
-        await together(*(learn_time(self._z, name, self.clock, offset) for name, offset in unsure.items()))
+        await together(*(learn_time(self._z, name, self.clock, offset, SOON) for name, offset in unsure.items()))
