@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import pytest
 
 from zmav.errors import BadConfig
 from zmav.sim import World
 from zmav.sim.clock import MOST_BEHIND_S, Pacer
+
+if TYPE_CHECKING:
+    from tests.sim.conftest import MakeDesk
 
 
 class Wall:
@@ -114,6 +118,14 @@ def test_what_is_given_up_is_told() -> None:
     assert wall.pacer.given_up_s == sum(told)
 
 
+def test_of_a_slow_world_is_told_each_second_of_the_wall() -> None:
+    for wall, times in ((Wall(0.1), 10), (Wall(4.0, cost=0.05), 10), (Wall(1.0), 0), (Wall(4.0), 0)):
+        told = list[float]()
+        wall.pacer.on_slow = lambda wall=wall, told=told: told.append(wall.now)  # type: ignore[misc]
+        wall.run(10.5)
+        assert len(told) == times, wall.pacer.speed
+
+
 def test_a_world_that_falls_behind_says_so_and_its_receivers_tell_utc() -> None:
     world, said = World(copters=2, epoch_s=1.8e9), list[str]()
     world.say = said.append
@@ -127,3 +139,15 @@ def test_a_world_that_falls_behind_says_so_and_its_receivers_tell_utc() -> None:
     world.set_speed(4.0)  # such a world has a time of its own
     world.pacer.on_given_up(1.0)
     assert nodes[0].unix_us == pytest.approx(1.8e15 + 7.2e6, abs=10.0)
+
+
+def test_autopilots_of_a_slow_world_are_heard_each_second_all_the_same(make_desk: MakeDesk) -> None:
+    """Who listens has a real clock, and takes one for dead after three seconds of it without a HEARTBEAT."""
+    desk = make_desk()
+    desk.world.step(1.0)
+    before = len(desk.all("HEARTBEAT"))
+    desk.world.pacer.on_slow()
+    assert len(desk.all("HEARTBEAT")) == before + 1
+    desk.vehicle.node.hung = True
+    desk.world.pacer.on_slow()
+    assert len(desk.all("HEARTBEAT")) == before + 1

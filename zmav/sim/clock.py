@@ -34,6 +34,8 @@ class Pacer:
         """wall seconds that were lost for good because the machine was too slow, or asleep"""
         self.on_given_up: Callable[[float], None] = lambda seconds: None
         """told of some more of them"""
+        self.on_slow: Callable[[], None] = lambda: None
+        """told each wall second, or with the next tick, when fewer simulated ones pass"""
         self._tick_s = tick_s
         self._clock = clock
         self._speed = check_speed(speed)
@@ -101,6 +103,8 @@ class Pacer:
         self.reached = self._ticks * self._tick_s / passed
         self.behind = math.isfinite(self._speed) and self.reached < SLOW * self._speed
         self._measured, self._ticks = now, 0
+        if self.reached < SLOW:
+            self.on_slow()
 
 
 def check_speed(speed: float) -> float:

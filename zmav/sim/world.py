@@ -112,6 +112,7 @@ class World:
         self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
         self.pacer = Pacer(self.tick_s, speed)
         self.pacer.on_given_up = self._fell_behind
+        self.pacer.on_slow = self._beat
         self._behind_s = 0.0
         self._slow: RateLimit[None] = RateLimit(SLOW_SAID_S, 1)
         self.environment = Environment(wind, gusts)
@@ -330,6 +331,12 @@ class World:
                 "behind. Vehicles fly on, slower than real ones ('zmav sim status' says how much): simulate fewer"
             )
             self._behind_s = 0.0
+
+    def _beat(self) -> None:
+        """Time passes slowly. Who listens counts by a real clock, and takes an autopilot for dead after 3 s or so."""
+        for vehicle in self.vehicles:
+            if not vehicle.node.hung:
+                vehicle.node.beat()
 
     def _fail(self, vehicle: SimVehicle, error: Exception) -> None:
         """Its autopilot does nothing from now on."""

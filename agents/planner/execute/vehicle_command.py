@@ -73,7 +73,7 @@ class VehicleCommand:
     async def __aenter__(self) -> VehicleCommand:
         self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL))
         try:
-            await self._learn()
+            await learn_time(self._z, self.name, self._clock, self.offset)
         except BaseException:
             await self._stack.aclose()
             raise
@@ -169,32 +169,11 @@ class VehicleCommand:
 
     # What goes on behind.
 
-    async def _ping(self) -> None:
-        await ask_time(self._z, self.name, self._clock, self.offset)
-
-    async def _learn(self) -> None:
-        """Ask for the time again and again, not waiting for one answer before the next question. One answer is enough
-        where it is known well: the vehicle's clock may have been set since.
-        """
-        begun, asking = self._clock.now(), list[asyncio.Task[None]]()
-        known = self.offset.error(begun) < SURE
-        try:
-            while (now := self._clock.now()) < begun + LONGEST:
-                asked_enough = any(task.done() for task in asking) if known else len(asking) >= PINGS
-                if asked_enough and self.offset.error(now) < SURE:
-                    return
-                asking.append(asyncio.create_task(self._ping()))
-                await asyncio.sleep(PING_SOON)
-        finally:
-            for task in asking:
-                task.cancel()
-            await asyncio.gather(*asking, return_exceptions=True)
-
     async def _measure(self) -> None:
         while True:
             unsure = self.offset.error(self._clock.now()) > UNSURE
             await asyncio.sleep(PING_UNSURE if unsure else PING_EVERY)
-            await self._ping()
+            await ask_time(self._z, self.name, self._clock, self.offset)
 
     async def _renew(self) -> None:
         """Where the lease ended and nobody took it (a cut network), ask for another one until it is denied for good."""
@@ -233,6 +212,25 @@ async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> N
         if answers and not isinstance(answers[0], ZmavError):
             outcome = wire.decode(answers[0].payload, wire.Outcome, "reply to do/ping")
             offset.answered(asked, float(outcome.result["t"]), came)
+
+
+async def learn_time(z: zmav.Client, name: str, clock: Clock, offset: Offset, longest: float = LONGEST) -> None:
+    """Ask a vehicle for its time again and again, not waiting for one answer before the next question, for so many
+    seconds at most. One answer is enough where it is known well: the vehicle's clock may have been set since.
+    """
+    begun, asking = clock.now(), list[asyncio.Task[None]]()
+    known = offset.error(begun) < SURE
+    try:
+        while (now := clock.now()) < begun + longest:
+            asked_enough = any(task.done() for task in asking) if known else len(asking) >= PINGS
+            if asked_enough and offset.error(now) < SURE:
+                return
+            asking.append(asyncio.create_task(ask_time(z, name, clock, offset)))
+            await asyncio.sleep(PING_SOON)
+    finally:
+        for task in asking:
+            task.cancel()
+        await asyncio.gather(*asking, return_exceptions=True)
 
 
 def way_home(home: Home, offset: Offset) -> wire.WayHome:

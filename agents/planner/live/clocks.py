@@ -7,10 +7,13 @@ from collections.abc import Iterable
 
 import zmav
 from agents.planner.execute.offset import Offset
-from agents.planner.execute.vehicle_command import Clock, ask_time
+from agents.planner.execute.vehicle_command import SURE, Clock, ask_time, learn_time
+from zmav.waiting import together
 
 EVERY = 4.0
 """s between two questions to one vehicle; of a large fleet one vehicle is asked at each look"""
+SOON = 2.0
+"""s that whoever waits for clocks to be known better waits at most: over bad hops they never are"""
 
 
 class Clocks:
@@ -49,3 +52,9 @@ class Clocks:
         self._asked[name] = time.monotonic()
         if name in self.offsets:
             await ask_time(self._z, name, self.clock, self.offsets[name])
+
+    async def learn(self, names: Iterable[str]) -> None:
+        """Ask those whose clocks are known badly again and again, as a flight does: a plan's margins depend on it."""
+        now = self.clock.now()
+        unsure = {name: offset for name, offset in self.of(names).items() if not offset.error(now) < SURE}
+        await together(*(learn_time(self._z, name, self.clock, offset, SOON) for name, offset in unsure.items()))

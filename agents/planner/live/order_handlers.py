@@ -117,12 +117,14 @@ class OrderHandlers:
 
     async def _preview(self, args: swarm.Preview, report: Report, origin: Origin | None) -> dict[str, Any]:
         check_goal(args.goal)
-        view = check_known(self._context, args.goal)
+        check_known(self._context, args.goal)
         if self._previews >= MOST_PREVIEWS:
             raise Refused(f"{MOST_PREVIEWS} previews are being made: ask again a little later")
         self._previews += 1
         try:
             planner = Planner(self._context, "preview", await self._preview_solver())
+            await self._context.clocks.learn(args.goal.vehicles)  # as a flight does before it is planned
+            view = check_known(self._context, args.goal)
             fleet, tally = self._context.fleet, Tally(args.goal.vehicles, view)
             told = await preview(planner, args.goal, view, tally, self._margins(args.goal))
             told["positions"] = positions(view.pick(args.goal.vehicles), fleet.accuracies)

@@ -40,7 +40,7 @@ async def test_a_stream_arrives_and_both_ends_tell_of_it(line: Start) -> None:
     made, bench = await line("quad1", "quad2", "ground")
     seen: list[BenchInterval] = []
     flow = await bench.stream("quad1", "ground", SHORT, on_interval=lambda flow, each: seen.append(each))
-    assert flow.faults == []
+    assert flow.faults == _skipped(flow)
     assert (flow.source, flow.target, flow.sender.sent + flow.sender.skipped) == ("quad1", "ground", 50)
     total = flow.total
     assert (total.received, total.lost, total.bytes) == (flow.sender.sent, 0, 100 * flow.sender.sent)
@@ -59,12 +59,18 @@ async def test_each_class_of_datagrams(line: Start) -> None:
     made, bench = await line("quad1", "quad2")
     for qos in ("realtime", "latest-wins", "bulk"):
         flow = await bench.stream("quad1", "quad2", _in(qos, 0.2))
-        assert flow.faults == [], qos
+        assert flow.faults == _skipped(flow), qos
         assert flow.total.received == flow.sender.sent > 0, qos
         assert flow.clock is not None
         await asyncio.gather(*map(idle, made.responders.values()))
     with pytest.raises(BadInput, match="must-arrive is for round trips"):
         await bench.stream("quad1", "quad2", _in("must-arrive", 0.2))
+
+
+def _skipped(flow: Flow) -> list[str]:
+    """The one fault that a busy computer may bring: datagrams whose time was over were not sent, and it says so."""
+    count = flow.sender.skipped
+    return [f"{flow.source} could not keep up: {count} datagrams were not sent"] if count else []
 
 
 def _in(qos: Any, seconds: float) -> Stream:
@@ -209,9 +215,11 @@ async def test_one_at_a_time_and_the_second_hears_of_whom(line: Start) -> None:
     error = await within(PATIENCE_S, refused())
     assert "quad2 measures already: receive with quad1 for" in error.message
     until.set()
-    assert (await first).faults == []
+    flow = await first
+    assert flow.faults == _skipped(flow)
     await idle(made.responders["quad2"])
-    assert (await other.stream("quad3", "quad2", _in("bulk", 0.2))).faults == []
+    flow = await other.stream("quad3", "quad2", _in("bulk", 0.2))
+    assert flow.faults == _skipped(flow)
 
 
 async def test_what_is_stopped_ends_on_the_hosts_and_its_report_can_be_had_later(line: Start) -> None:

@@ -6,14 +6,17 @@ import asyncio
 import contextlib
 import itertools
 import math
+import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 
 import zmav
 from agents.planner.cli.asking import Planner, books, find
+from agents.planner.live import resting
 from agents.planner.live.agent import Agent
 from agents.planner.live.settings import PlannerSettings
 from tests.agents.planner.execute.fleet import Fleet, starting
+from tests.waiting import until
 from zmav import wire
 from zmav.waiting import together, within
 from zmav.wire import swarm
@@ -34,6 +37,19 @@ class Field:
 
     async def submit(self, goal: swarm.Goal, when: Any = "now") -> str:
         return str((await (await self.planner()).order("submit", swarm.Submit(goal=goal, when=when)))["goal"])
+
+    async def at_rest(self) -> None:
+        """Wait until each has told the planner, in a state of after now, that it rests. A takeoff is done below its
+        height: who still climbs is taken to go on climbing, and others are planned round that.
+        """
+        now, since, context = time.time(), time.monotonic(), self.agent.context
+
+        def unrest() -> list[str]:
+            seen = {name: context.fleet.seen(name) for name in self.fleet.names}
+            late = [name for name, each in seen.items() if each is None or each.state.t < now]
+            return [*late, *filter(None, (resting.unrest(context, name, since) for name in seen))]
+
+        await until(lambda: not unrest(), unrest, PATIENCE_S)
 
     async def until(self, name: str, true: Callable[[swarm.GoalEntry], bool]) -> swarm.GoalEntry:
         """What the book says of a goal once ``true`` holds of it."""
@@ -78,5 +94,6 @@ async def led(
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         await together(fleet.rise(height), agent.context.solver.until_ready(PATIENCE_S))
         field = Field(fleet, agent, me)
+        await field.at_rest()
         await field.planner()  # it is in charge: whichever test of these a worker runs first
         yield field

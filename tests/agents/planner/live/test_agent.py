@@ -16,6 +16,7 @@ import zenoh
 
 import zmav
 from agents.planner.cli.asking import Planner
+from agents.planner.execute.offset import Offset
 from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
 from agents.planner.live import plan as planning
@@ -58,21 +59,37 @@ def swap(height: float) -> swarm.GoTo:
 async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
     planner = await field.planner()
     assert (planner.name, planner.vehicles) == ("ground", list(PLACES))
+    await field.at_rest()
     preview = await planner.order("preview", swarm.Preview(goal=swap(10.0)))
     assert preview["makespan"] > 3.0
     assert preview["clearance"] > 0.9
     (step,) = preview["steps"]
     assert step["tracks"]["quad1"][-1][1:] == [7.0, 7.0, -10.0]
+    begins = {name: track[0][1:] for name, track in step["tracks"].items()}
+    assert {name: field.away(name, begins[name]) < 0.5 for name in begins} == {"quad1": True, "quad4": True}, begins
     assert field.agent.context.ledger.goals == []
 
     name = await field.submit(swap(10.0))
-    entry = await field.until(name, lambda entry: entry.state == "done")
+    entry = await field.until(name, lambda entry: entry.state == "flying")  # a machine that is too slow plans again
     assert entry.clearance is not None
     assert entry.clearance > 0.9
-    assert (preview["makespan"], preview["clearance"]) == pytest.approx((entry.makespan, entry.clearance), rel=0.1)
+    said = (preview["makespan"], preview["clearance"])
+    assert said == pytest.approx((entry.makespan, entry.clearance), rel=0.1), (step, preview["positions"])
+    await field.until(name, lambda entry: entry.state == "done")
     for vehicle, place in zip(swap(10.0).vehicles, swap(10.0).to, strict=True):
         assert field.away(vehicle, place) < 1.0
     await field.me.vehicle("quad1").wait_until(lambda state: state.lease is None, PATIENCE_S)
+
+
+async def test_a_preview_knows_the_clocks_as_well_as_a_flight(field: Field) -> None:
+    """Where they are known badly vehicles are kept farther apart: it told of a plan that would not be flown."""
+    clocks, badly = field.agent.context.clocks, Offset()
+    now = clocks.clock.now()
+    badly.answered(now - 0.36, now - 0.18, now)
+    clocks.offsets["quad1"] = badly
+    before = badly.error(now)
+    await (await field.planner()).order("preview", swarm.Preview(goal=swap(12.0)))
+    assert badly.error(clocks.clock.now()) < 0.5 * before
 
 
 async def test_nobody_who_is_heard_is_said_not_to_be(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
