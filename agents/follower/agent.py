@@ -67,7 +67,7 @@ class Follower(FlyingAgent):
         "accel": Tunable(0.3, 0.05, 10.0, "m/s²", "of the target, as its filter expects"),
         "speed": Tunable(5.0, 0.1, 20.0, "m/s", "at most fed forward"),
         "stiff": Tunable(0.8, 0.0, 2.0, "1/s", "of how far off it is, added to the velocity against gusts"),
-        "damp": Tunable(0.4, 0.0, 1.0, "", "of how much slower than the target it is, added likewise"),
+        "damp": Tunable(0.5, 0.0, 1.0, "", "of how much slower than the target it is, added likewise"),
         "trim": Tunable(0.4, 0.0, 2.0, "1/s²", "of that distance's integral"),
         "sink": Tunable(0.4, 0.1, 2.0, "m/s", "of the descent onto the pad"),
         "gate": Tunable(0.12, 0.05, 2.0, "m", "off the pad's middle at which it goes lower"),

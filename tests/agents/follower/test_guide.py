@@ -391,6 +391,72 @@ def test_a_landing_is_called_off() -> None:
     assert not world.command.land
 
 
+def landing(until: Callable[[World], bool]) -> World:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    world.guide.wanted = "land"
+    return world.run(60.0, until)
+
+
+def nearly_down() -> World:
+    """At rest over the pad's middle, a tick before it goes down unseen."""
+    last = landing(lambda world: world.guide.phase == "touch").frame - 1
+    world = landing(lambda world: world.frame == last)
+    assert (world.guide.phase, world.off[-1] < 0.05) == ("descend", True)
+    return world
+
+
+def test_it_does_not_go_down_unseen_while_a_gust_carries_it_off() -> None:
+    """It is over the middle, but would be two decimetres beside it by the time it is on the deck."""
+    world = nearly_down()
+    world.vel[1] = 0.19
+    world.step()
+    assert world.guide.phase == "descend"
+    world.run(5.0, lambda world: world.guide.phase == "touch")
+    assert world.guide.phase == "touch"
+
+
+def test_a_gust_on_the_last_half_metre_has_it_rise_and_try_again() -> None:
+    world = nearly_down()
+    world.run(5.0, lambda world: world.guide.phase == "touch")
+    world.vel[1] = 0.6
+    world.run(1.0, lambda world: world.guide.phase == "descend")
+    assert world.guide.phase == "descend"
+    assert not world.command.land
+    assert DECK - world.command.pos[2] > 0.9  # where it sees the pad
+    world.run(30.0, lambda world: world.command.land)
+    assert world.command.land
+    assert world.off[-1] < 0.15
+
+
+def test_near_the_deck_it_goes_on_down_whatever_blows() -> None:
+    """Called off there it would be on the deck before it rises."""
+    world = nearly_down()
+    world.run(10.0, lambda world: DECK - float(world.pos[2]) < 0.3)
+    assert world.guide.phase == "touch"
+    world.vel[1] = 0.6
+    world.run(1.0, lambda world: world.command.land)
+    assert world.command.land
+
+
+def test_it_rises_while_it_waits_unseen_above_the_pad() -> None:
+    """From higher up it sees more; it does not wait until the target counts as lost."""
+    world = landing(lambda world: DECK - float(world.pos[2]) < 2.0)
+    world.hidden = lambda t: True
+    world.run(1.0)
+    lowest = DECK - float(world.pos[2])
+    world.run(1.5)
+    assert world.guide.phase == "descend"
+    assert DECK - float(world.pos[2]) > lowest + 0.3
+
+
+def test_what_it_flies_faster_than_the_target_is_taken_from_the_velocity() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(15.0)
+    before = world.command.vel[1]
+    world.vel[1] = 0.5
+    world.step()
+    assert before - world.command.vel[1] > 0.8 * 0.5 * world.tuned["damp"]
+
+
 def test_it_does_not_sink_unseen() -> None:
     world = World(lambda t: (0.0, 0.0)).run(10.0)
     world.guide.wanted = "land"
