@@ -108,8 +108,10 @@ class Guide:
     seen_plane: float | None = None
     """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
-    _told_off: tuple[float, float] = (0.0, 0.0)
-    """m north, east from where the target said that it is to where it was seen"""
+    _told_off: tuple[float, float] | None = None
+    """m north, east from where the target said that it is to where it was seen; without our own drift, which goes on
+    while it is looked for
+    """
     _looked: float = 0.0
     """s of searching since it had a target"""
     _held: Vector | None = None
@@ -153,7 +155,7 @@ class Guide:
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
                 if told is not None and self.phase == "track" and now - self._since > KNOWN:
                     said = told.at(t)
-                    self._told_off = each.pos[0] - said[0], each.pos[1] - said[1]
+                    self._told_off = place[0] - said[0], place[1] - said[1]
                 return True
         return False
 
@@ -252,7 +254,10 @@ class Guide:
         if told is None:
             return self._seen_at
         north, east = told.at(now)
-        return north + self._told_off[0], east + self._told_off[1]
+        if self._told_off is None:
+            return north, east
+        drift = self.drift.at(now)
+        return north + self._told_off[0] + drift[0], east + self._told_off[1] + drift[1]
 
     def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> FollowCommand:
         """On the way there, or in a growing spiral about it, rising for a wider view."""

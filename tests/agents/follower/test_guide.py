@@ -162,6 +162,18 @@ def test_a_target_that_is_lost_is_looked_for_where_it_truly_is() -> None:
     assert world.off[-1] < 1.5
 
 
+def test_a_lost_target_is_looked_for_where_it_is_although_its_own_place_wanders() -> None:
+    """While it coasts and looks for it, the vehicle takes itself to go 4 m east, which it does not."""
+    world = World(lambda t: (0.3 * t, 0.0)).run(12.0)
+    lost = world.t
+    world.hidden = lambda t: True
+    world.wander = lambda t: (0.0, min(max(t - lost, 0.0), 4.0))
+    world.run(10.0, lambda world: world.guide.phase == "search")
+    world.run(2.0)
+    assert world.phases[-1] == "search"
+    assert world.off[-1] < 1.5
+
+
 def test_the_way_there_is_no_search() -> None:
     world = World(lambda t: (60.0, 0.0))
     world.hidden, world.more, world.score = lambda t: True, lambda t: [(61.0, 0.0)], 0.4
