@@ -18,7 +18,9 @@ from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale
 from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
 from zmav.trust.gate import Origin
+from zmav.vehicle.vehicle import Place
 from zmav.verbs import Access, Verb
+from zmav.waiting import together
 
 TICK = 0.05
 """s between two setpoints"""
@@ -26,6 +28,8 @@ VALID = 0.4
 """s until a setpoint is flown no more, and the vehicle holds"""
 SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
+PLACES_HZ = 10.0
+"""at which the vehicle is asked where it is: as often as its helipad agent asks"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
@@ -63,6 +67,7 @@ class Follower(FlyingAgent):
         "accel": Tunable(0.3, 0.05, 10.0, "m/s²", "of the target, as its filter expects"),
         "speed": Tunable(5.0, 0.1, 20.0, "m/s", "at most fed forward"),
         "stiff": Tunable(0.8, 0.0, 2.0, "1/s", "of how far off it is, added to the velocity against gusts"),
+        "damp": Tunable(0.5, 0.0, 1.0, "", "of how much slower than the target it is, added likewise"),
         "trim": Tunable(0.4, 0.0, 2.0, "1/s²", "of that distance's integral"),
         "sink": Tunable(0.4, 0.1, 2.0, "m/s", "of the descent onto the pad"),
         "gate": Tunable(0.12, 0.05, 2.0, "m", "off the pad's middle at which it goes lower"),
@@ -87,6 +92,8 @@ class Follower(FlyingAgent):
         self._sight = 0.0
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
+        self._here: Place | None = None
+        """where the vehicle said last that it is"""
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
@@ -142,7 +149,7 @@ class Follower(FlyingAgent):
     async def _fly(self, args: Follow, guide: Guide, started: Started) -> str:
         """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
         lost, fleet, me = asyncio.Event(), self.vehicle.fleet, self.vehicle.name
-        self._plane_told = self._heading = None
+        self._plane_told = self._heading = self._here = None
 
         def on_lost(who: str) -> None:
             self.say("slot", "warning", f"{who} keeps the place {SLOT} {args.target} since before us")
@@ -158,12 +165,12 @@ class Follower(FlyingAgent):
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
-                seeing = asyncio.create_task(self._see(guide))
+                hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
                 try:
-                    await self._follow(guide, lease, lost, seeing)
+                    await self._follow(guide, lease, lost, hearing)
                 finally:
-                    seeing.cancel()
-                    await asyncio.gather(seeing, return_exceptions=True)
+                    hearing.cancel()
+                    await asyncio.gather(hearing, return_exceptions=True)
         finally:
             if self.guide is guide:
                 self.guide, self.target = None, ""
@@ -200,19 +207,26 @@ class Follower(FlyingAgent):
                 if me is not None and guide.see(time.time(), sight.t, sight.found, me, self._told(), self["score"]):
                     self._sight = sight.t
 
-    async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, seeing: asyncio.Task[None]) -> None:
+    async def _places(self, guide: Guide) -> None:
+        """Where the vehicle is: more often than its states come, by the autopilot's own clock."""
+        async with self.vehicle.places(PLACES_HZ) as places:
+            async for place in places:
+                self._here = place
+                guide.drift.feed(place.t, time.monotonic(), place.pos, place.vel)
+
+    async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
         said, due = "", time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:
                 raise lease.lost
-            if seeing.done():
-                seeing.result()
+            if hearing.done():
+                hearing.result()
             try:
                 state = self.vehicle.state
             except Stale as e:  # the vehicle holds by itself
                 self.status(guide.phase, e.message, target=self.target)
             else:
-                if state.local is not None and self._step(guide, lease, state):
+                if state.local is not None and self._here is not None and self._step(guide, lease, state):
                     self.status("land", "on the pad")
                     await self.vehicle.land()
                     return
@@ -225,10 +239,10 @@ class Follower(FlyingAgent):
 
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""
-        self._hear(guide, state)
+        self._hear(state)
         now, me = time.time(), self._place()
-        assert me is not None
-        command = guide.step(now, me, self._told(), self._plane(state), self._late, state.velocity or (0.0, 0.0, 0.0))
+        assert me is not None and self._here is not None
+        command = guide.step(now, me, self._told(), self._plane(state), self._late, self._here.vel)
         if self._heading is None and state.attitude is not None:
             self._heading = state.attitude.yaw
         with contextlib.suppress(NotHolder):  # said by lease.lost
@@ -239,24 +253,20 @@ class Follower(FlyingAgent):
         self._tell(guide, me, now)
         return command.land
 
-    def _hear(self, guide: Guide, state: wire.VehicleState) -> None:
-        """Of a new state how late it comes, smoothed (a setpoint takes as long back), and how the vehicle moved."""
+    def _hear(self, state: wire.VehicleState) -> None:
+        """Of a new state how late it comes, smoothed: a setpoint takes as long back."""
         if state.t == self._state_t:
             return
         self._state_t = state.t
         since = self.vehicle.age or 0.0
         self._late += LATE_GAIN * (max(0.0, min(time.time() - since - state.t, MOST_LATE)) - self._late)
-        if state.local is not None and state.velocity is not None:
-            old = state.ages.get("position", 0.0)
-            guide.drift.feed(state.t - old, time.monotonic() - since - old, state.local, state.velocity)
 
     def _place(self) -> wire.Vector | None:
         """Where the vehicle is now, carried on from when it said so."""
-        state = self.vehicle.last_state
-        if state is None or state.local is None:
+        if self._here is None:
             return None
-        age = min((self.vehicle.age or 0.0) + self._late + state.ages.get("position", 0.0), MOST_LATE)
-        north, east, down = (x + age * v for x, v in zip(state.local, state.velocity or (0.0,) * 3, strict=True))
+        age = max(0.0, min(time.time() - self._here.t, MOST_LATE))
+        north, east, down = (x + age * v for x, v in zip(self._here.pos, self._here.vel, strict=True))
         return north, east, down
 
     def _told(self) -> TargetFix | None:

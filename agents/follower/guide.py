@@ -41,9 +41,16 @@ WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3
 """weight of a new sight in how far down the pad is"""
-STEADY, FASTER, HARD = 0.2, 2.0, 0.8
-"""m/s relative to the pad, faster than which it does not go down unseen; the factor on ``sink`` there, so that it is
-down before a gust; and m/s to which that factor may bring it"""
+FASTER, HARD = 2.0, 0.8
+"""the factor on ``sink`` where it goes down unseen, so that it is down before a gust; and m/s to which that factor may
+bring it"""
+SINKS_LATE = 0.4
+"""s that an autopilot takes to begin to sink, and to land at the end"""
+CALLED_OFF, LOW, STOPS, AGAIN = 1.25, 0.15, 0.6, 0.4
+"""times ``gate`` by which it would miss the pad's middle for it to rise again; m above the pad, and s of its sinking on
+top of them, below which it goes on down, as it would be on the deck before it rises; and m above ``BLIND`` to which it
+rises: there it sees the pad
+"""
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
@@ -101,8 +108,10 @@ class Guide:
     seen_plane: float | None = None
     """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
-    _told_off: tuple[float, float] = (0.0, 0.0)
-    """m north, east from where the target said that it is to where it was seen"""
+    _told_off: tuple[float, float] | None = None
+    """m north, east from where the target said that it is to where it was seen; without our own drift, which goes on
+    while it is looked for
+    """
     _looked: float = 0.0
     """s of searching since it had a target"""
     _held: Vector | None = None
@@ -146,7 +155,7 @@ class Guide:
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
                 if told is not None and self.phase == "track" and now - self._since > KNOWN:
                     said = told.at(t)
-                    self._told_off = each.pos[0] - said[0], each.pos[1] - said[1]
+                    self._told_off = place[0] - said[0], place[1] - said[1]
                 return True
         return False
 
@@ -245,7 +254,10 @@ class Guide:
         if told is None:
             return self._seen_at
         north, east = told.at(now)
-        return north + self._told_off[0], east + self._told_off[1]
+        if self._told_off is None:
+            return north, east
+        drift = self.drift.at(now)
+        return north + self._told_off[0] + drift[0], east + self._told_off[1] + drift[1]
 
     def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> FollowCommand:
         """On the way there, or in a growing spiral about it, rising for a wider view."""
@@ -274,44 +286,68 @@ class Guide:
     ) -> FollowCommand:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
-        level, down = self.height, 0.0
         here = self.target(now)
         assert here is not None
         behind = (float(here.pos[0]) - me[0], float(here.pos[1]) - me[1])
+        slower = (u - vel[0], v - vel[1])
+        level, down = self.height, 0.0
         if self.phase in ("descend", "touch"):
-            if self._level is None:
-                self._level = max(plane - me[2], 0.0)
-            off = math.hypot(*behind)
-            fresh = self.tracker.t is not None and now - self.tracker.t - late < COAST_AFTER
-            steady = math.hypot(vel[0] - u, vel[1] - v) < STEADY
-            if self.phase == "descend" and fresh and steady and self._level <= BLIND and off < self.tuned("gate"):
-                self.phase, self._since = "touch", now
-            if self.phase == "touch" or (fresh and off < max(self.tuned("gate"), 0.12 * self._level)):
-                down, floor = self.tuned("sink"), BLIND
-                if self.phase == "touch":
-                    down, floor = max(down, min(FASTER * down, HARD)), 0.0
-                self._level = max(floor, self._level - down * dt)
-                down = down if self._level > floor else 0.0
-            level = self._level
+            level, down = self._go_down(behind, slower, dt, plane - me[2], vel[2], now, late)
         speed = math.hypot(u, v)
         if speed > (most := self.tuned("speed")):
             u, v = u * most / speed, v * most / speed
-        more = self._against(behind, dt, late)
+        more = self._against(behind, slower, dt, late)
         land = self.phase == "touch" and (
             (plane - me[2] < TOUCH + 0.1 and level < TOUCH) or now - self._since > TOUCHING
         )
         return FollowCommand((north, east, plane - level), (u + more[0], v + more[1], down), land)
 
-    def _against(self, behind: tuple[float, float], dt: float, late: float) -> tuple[float, float]:
+    def _go_down(
+        self,
+        behind: tuple[float, float],
+        slower: tuple[float, float],
+        dt: float,
+        above: float,
+        sinks: float,
+        now: float,
+        late: float,
+    ) -> tuple[float, float]:
+        """m above the pad to fly at, and m/s down; ``above``: m that it is above it now, ``sinks``: m/s."""
+        if self._level is None:
+            self._level = max(above, 0.0)
+        gate, sink = self.tuned("gate"), self.tuned("sink")
+        fall = max(sink, min(FASTER * sink, HARD))
+        # A gust carries it on while it goes down: an autopilot takes longer to stop that than to be on the deck.
+        takes = SINKS_LATE + max(above, 0.0) / fall
+        off = math.hypot(*behind)
+        misses = math.hypot(behind[0] + takes * slower[0], behind[1] + takes * slower[1])
+        fresh = self.tracker.t is not None and now - self.tracker.t - late < COAST_AFTER
+        if self.phase == "descend" and fresh and self._level <= BLIND and max(off, misses) < gate:
+            self.phase, self._since = "touch", now
+        elif self.phase == "touch" and above > LOW + STOPS * sinks and misses > CALLED_OFF * gate:
+            self.phase, self._since, self._level = "descend", now, BLIND + AGAIN
+        if self.phase == "descend" and not fresh:  # from higher up it sees more
+            self._level = min(self._level + sink * dt, self.height)
+            return self._level, 0.0
+        if self.phase == "descend" and off >= max(gate, 0.12 * self._level):
+            return self._level, 0.0
+        down, floor = (fall, 0.0) if self.phase == "touch" else (sink, BLIND)
+        self._level = max(floor, self._level - down * dt)
+        return self._level, down if self._level > floor else 0.0
+
+    def _against(
+        self, behind: tuple[float, float], slower: tuple[float, float], dt: float, late: float
+    ) -> tuple[float, float]:
         """m/s north, east that are added to the velocity against gusts. An autopilot takes about a second over a
-        metre; a share of how far off it is, and its integral, make that stiffer. Both end where they are heard late.
+        metre; shares of how far off it is and of how much ``slower`` it is than the target, and the integral of the
+        distance, make that stiffer. All end where they are heard late.
         """
         share = max(0.0, 1.0 - late / TOO_LATE)
         if math.hypot(*behind) < CLOSE:
             gain = share * self.tuned("trim") * dt
             self._trim = _bounded((self._trim[0] + gain * behind[0], self._trim[1] + gain * behind[1]), MOST)
-        stiff = self.tuned("stiff")
-        pull = _bounded((stiff * behind[0], stiff * behind[1]), PULL)
+        stiff, damp = self.tuned("stiff"), self.tuned("damp")
+        pull = _bounded((stiff * behind[0] + damp * slower[0], stiff * behind[1] + damp * slower[1]), PULL)
         return _bounded((share * (self._trim[0] + pull[0]), share * (self._trim[1] + pull[1])), MOST)
 
 

@@ -10,7 +10,7 @@ again, measured as the feet come to the deck, through which they go.
 
 Each run starts everything again (_follow_rig.py), and a mean begins 5 s after the first sight. Light gusts are
 those of MIL-F-8785C for a mean wind of 7.7 m/s, moderate ones for 15 m/s. Ends with 1 where a mean distance, or a
-landing, was worse than what is asked for: 0.2 m, 0.6 m, 0.15 m.
+landing, was worse than what is asked for: 0.2 m on board (0.3 m in moderate gusts), 0.6 m, 0.15 m.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ from zmav.children import Children, connect_once_up
 from zmav.errors import ZmavError
 
 ASKED = {"alone": math.inf, "board": 0.2, "ground": 0.6, "land": 0.15}
+IN_MODERATE = {"board": 0.3}
+"""what is asked for in moderate gusts, where that is less"""
 DELAY, LOSS = 0.2, 0.1
 SETTLED = 5.0
 """s from the first sight until the distance counts"""
@@ -130,8 +132,9 @@ def main() -> int:
     for what in ASKED if args.what == "all" else [args.what]:
         print(f"{what}, wind {args.wind}, rover up to {args.speed:g} m/s, load {os.getloadavg()[0]:.1f}:", flush=True)
         found = [run(what, args, args.seed + k) for k in range(args.runs)]
-        word = "good" if (fine := max(found) <= ASKED[what]) else "MISSED"
-        asked = f"; asked for {ASKED[what]:g} m: {word}" if math.isfinite(ASKED[what]) else ""
+        most = IN_MODERATE.get(what, ASKED[what]) if "moderate" in args.wind else ASKED[what]
+        word = "good" if (fine := max(found) <= most) else "MISSED"
+        asked = f"; asked for {most:g} m: {word}" if math.isfinite(most) else ""
         worst, middle = max(found), statistics.median(found)
         print(f"{what}: {middle:.2f} m in the median, {worst:.2f} m at most of {len(found)}{asked}", flush=True)
         good &= fine
