@@ -38,7 +38,7 @@ from zmav.errors import ZmavError
 
 ASKED = {"alone": math.inf, "board": 0.2, "ground": 0.6, "land": 0.15}
 IN_MODERATE = {"board": 0.3}
-"""what is asked for in moderate gusts, where that is less"""
+"""m: what is allowed in moderate gusts, where that is more"""
 DELAY, LOSS = 0.2, 0.1
 SETTLED = 5.0
 """s from the first sight until the distance counts"""
