@@ -11,6 +11,7 @@ from zmav.errors import BadConfig
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
 MEASURED_S = 1.0  # of wall time over which the speed is told
 SLOW = 0.95  # of the speed asked for: below it the world is behind
+SLOWER = 0.95  # times real time: below it who listens by a real clock is told
 SLOWEST, FASTEST = 1e-3, 1e6  # times real time; a slower world would hardly be seen to move
 
 
@@ -35,7 +36,7 @@ class Pacer:
         self.on_given_up: Callable[[float], None] = lambda seconds: None
         """told of some more of them"""
         self.on_slow: Callable[[], None] = lambda: None
-        """told each wall second, or with the next tick, when fewer simulated ones pass"""
+        """called each wall second, with a tick, while time passes more slowly than real time"""
         self._tick_s = tick_s
         self._clock = clock
         self._speed = check_speed(speed)
@@ -103,7 +104,7 @@ class Pacer:
         self.reached = self._ticks * self._tick_s / passed
         self.behind = math.isfinite(self._speed) and self.reached < SLOW * self._speed
         self._measured, self._ticks = now, 0
-        if self.reached < SLOW:
+        if self.reached < SLOWER:
             self.on_slow()
 
 

@@ -333,10 +333,17 @@ class World:
             self._behind_s = 0.0
 
     def _beat(self) -> None:
-        """Time passes slowly. Who listens counts by a real clock, and takes an autopilot for dead after 3 s or so."""
+        """Time passes slowly. Who listens counts by a real clock, and takes an autopilot for dead after 3 s or so; in lock
+        step who listens gives the time.
+        """
+        if self.lockstep is not None:
+            return
         for vehicle in self.vehicles:
             if not vehicle.node.hung:
-                vehicle.node.beat()
+                try:
+                    vehicle.node.beat()
+                except Exception as error:  # as in a tick
+                    self._fail(vehicle, error)
 
     def _fail(self, vehicle: SimVehicle, error: Exception) -> None:
         """Its autopilot does nothing from now on."""

@@ -23,10 +23,11 @@ class Clocks:
         self._z, self.clock = z, Clock()
         self.offsets: dict[str, Offset] = {}
         self._asked: dict[str, float] = {}
+        self._learnt: dict[str, float] = {}
         self._seen: dict[str, float] = {}
 
     def of(self, names: Iterable[str]) -> dict[str, Offset]:
-        """To be used by one flight at a time for each vehicle."""
+        """Of each, made where there is none. One flight of a vehicle at a time converts by it."""
         return {name: self.offsets.setdefault(name, Offset()) for name in names}
 
     def hear(self) -> None:
@@ -35,6 +36,7 @@ class Clocks:
         for name in self.offsets.keys() - fleet.keys():
             del self.offsets[name]
             self._asked.pop(name, None)
+            self._learnt.pop(name, None)
             self._seen.pop(name, None)
         for name, vehicle in fleet.items():
             heard = self._z.heard(name, vehicle.fleet)
@@ -54,7 +56,12 @@ class Clocks:
             await ask_time(self._z, name, self.clock, self.offsets[name])
 
     async def learn(self, names: Iterable[str]) -> None:
-        """Ask those whose clocks are known badly again and again, as a flight does: a plan's margins depend on it."""
-        now = self.clock.now()
-        unsure = {name: offset for name, offset in self.of(names).items() if not offset.error(now) < SURE}
+        """Ask those whose clocks are known badly again and again, as a flight does for longer: a plan's margins depend on
+        it. Over bad hops they stay so: nobody is asked so twice within :data:`EVERY`.
+        """
+        now, unsure = time.monotonic(), dict[str, Offset]()
+        for name in self.offsets.keys() & set(names):
+            offset = self.offsets[name]
+            if not offset.error(self.clock.now()) < SURE and now - self._learnt.get(name, -EVERY) >= EVERY:
+                self._learnt[name], unsure[name] = now, offset
         await together(*(learn_time(self._z, name, self.clock, offset, SOON) for name, offset in unsure.items()))

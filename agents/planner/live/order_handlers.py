@@ -123,8 +123,8 @@ class OrderHandlers:
         self._previews += 1
         try:
             planner = Planner(self._context, "preview", await self._preview_solver())
-            await self._context.clocks.learn(args.goal.vehicles)  # as a flight does before it is planned
-            view = check_known(self._context, args.goal)
+            await self._context.clocks.learn(args.goal.vehicles)
+            view = check_known(self._context, args.goal)  # as they are now: that took up to two seconds
             fleet, tally = self._context.fleet, Tally(args.goal.vehicles, view)
             told = await preview(planner, args.goal, view, tally, self._margins(args.goal))
             told["positions"] = positions(view.pick(args.goal.vehicles), fleet.accuracies)
