@@ -333,8 +333,8 @@ class World:
             self._behind_s = 0.0
 
     def _beat(self) -> None:
-        """Time passes slowly. Who listens counts by a real clock, and takes an autopilot for dead after 3 s or so; in lock
-        step who listens gives the time.
+        """Time passes slowly. Who listens counts by a real clock, and takes an autopilot for dead after 3 s or so; in
+        lock step who listens gives the time.
         """
         if self.lockstep is not None:
             return

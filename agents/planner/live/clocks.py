@@ -56,8 +56,8 @@ class Clocks:
             await ask_time(self._z, name, self.clock, self.offsets[name])
 
     async def learn(self, names: Iterable[str]) -> None:
-        """Ask those whose clocks are known badly again and again, as a flight does for longer: a plan's margins depend on
-        it. Over bad hops they stay so: nobody is asked so twice within :data:`EVERY`.
+        """Ask those whose clocks are known badly again and again, as a flight does for longer: a plan's margins depend
+        on it. Over bad hops they stay so: nobody is asked so twice within :data:`EVERY`.
         """
         now, unsure = time.monotonic(), dict[str, Offset]()
         for name in self.offsets.keys() & set(names):
