@@ -27,8 +27,10 @@ from tests.services.missions.mission_peer import (
 )
 from zmav import wire
 from zmav.errors import Refused
-from zmav.mavlink import plan_file
+from zmav.mavlink import load_dialect, plan_file
 from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
+from zmav.services.missions.by_file import PlanFile
+from zmav.services.missions.items import MOST
 from zmav.services.missions.transfer import TransferTimes
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.filesystem import FileSystem
@@ -213,6 +215,20 @@ async def test_the_file_s_beginning_is_lost(filing: StartFiling) -> None:
     assert (await b.ground.do("mission_download")).result["count"] == 50
     assert (len(lost), peer.by_item) == (1, 0)
     assert peer.asked(Op.READ_FILE) <= 8  # and not for all that a file may have
+
+
+def test_what_lies_behind_the_file_s_end_takes_no_room() -> None:
+    """A packet says itself where it belongs, and may say anything."""
+    dialect = load_dialect()
+    file = PlanFile("mission", dialect, lambda done, of: None)
+    most = plan_file.size_of(MOST, dialect)
+    for offset in (0xFFFFFFF0, most):
+        assert (file.put(offset, b"x" * 16), len(file.data)) == (0, 0)
+    assert (file.put(most - 1, b"xy"), len(file.data)) == (1, most)
+    size = plan_file.size_of(2, dialect)
+    assert (file.put(0, plan_file.pack_header(MISSION, 2)), len(file.data)) == (plan_file.HEADER.size, size)
+    for offset in (size, size + 1, 0xFFFFFFF0):
+        assert (file.put(offset, b"x"), len(file.data)) == (0, size)
 
 
 # Others on the vehicle.

@@ -38,7 +38,9 @@ class PlanFile:
 
     def put(self, offset: int, data: bytes) -> int:
         """As ``Sink.put``; raises :class:`BadMessage` where it does not begin as such a file does."""
-        data = data[: max(self._size - offset, 0)]
+        if offset >= self._size:
+            return 0
+        data = data[: self._size - offset]
         new = self.gaps.fill(offset, offset + len(data))
         self.data += bytes(max(offset + len(data) - len(self.data), 0))
         self.data[offset : offset + len(data)] = data
