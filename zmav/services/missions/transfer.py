@@ -87,6 +87,8 @@ class TransferTimes:
     """before an autopilot that is busy with another's transaction is asked again"""
     busy: float = 12.0
     """for it to be done with that: a transaction nobody goes on with ends after eight seconds"""
+    file: float = 3.0
+    """for any answer of its file server, before items are asked for one by one"""
 
 
 class Ended(NamedTuple):
