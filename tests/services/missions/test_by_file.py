@@ -417,6 +417,8 @@ async def test_a_silent_server_is_waited_for_once_in_an_order(filing: StartFilin
     peer.ftp.faults.mute.add(op)
     assert (await b.ground.do("mission_upload", items=NEW)).result["count"] == 10
     assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (5 + 11, 1)
+    packets = [unpack(told.fields["payload"]) for told in peer.heard("FILE_TRANSFER_PROTOCOL")]
+    assert sum(packet.opcode == Op.OPEN_FILE_RO for packet in packets) <= 2  # in 0.2 s
     peer.ftp.faults.mute.clear()
     assert (await b.ground.do("mission_download")).result["count"] == 10
     assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (5 + 11, 2)
