@@ -24,7 +24,8 @@ HAS_FILES = 0x20
 PLAN_FILES = frozenset({"mission", "rally"})
 """The file server has a thread of its own. It locks the mission while it reads an item, and rally points lie in storage
 alone; but the index of a fence it reads, or makes, without a lock, while the main loop may be making it anew
-(AC_PolyFence_loader): after each upload of a fence, that is when it would be read back.
+(AC_PolyFence_loader): after each upload of a fence, that is when it would be read back. While it is armed no file is
+asked for: for 1 s after each answer of that server every stream comes at a quarter of its rate (GCS_Common.cpp).
 """
 OVERRIDES: Mapping[Level, tuple[Need, ...]] = {"manual": (_OWN_GCS,), "rc": (_OWN_GCS,)}
 THRUST_AS_THRUST = Need(

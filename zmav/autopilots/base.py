@@ -165,7 +165,7 @@ class MissionRules:
     """items that may be under way at once: more than one where each request of a download stands for itself, and an
     upload takes the next item as soon as it has the one before, asked for or not"""
     files: frozenset[str] = frozenset()
-    """kinds of plans that may be read as files, too: :mod:`zmav.mavlink.plan_file`"""
+    """kinds of plans that a disarmed vehicle lets be read as files, too: :mod:`zmav.mavlink.plan_file`"""
     set_by_command: bool = True
     """it knows MAV_CMD_DO_SET_MISSION_CURRENT; False: the message MISSION_SET_CURRENT alone"""
     mission_frame: bool = False

@@ -61,7 +61,7 @@ class Files:
         """Write a file of this machine to ``path`` on the autopilot; one that is there is replaced.
 
         Gives ``{"path", "size", "verified", "rate"}``. Raises :class:`BadInput` for a file that cannot be read, or has
-        more than a mebibyte.
+        more than a mebibyte, and for what an ArduPilot makes of its plans and parameters (``@MISSION/mission.dat``).
         """
         try:
             data = await asyncio.to_thread(Path(local).read_bytes)

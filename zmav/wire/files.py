@@ -53,7 +53,9 @@ class FileGet(Order, kw_only=True):
 
 
 class FilePut(Order, kw_only=True):
-    """``do/file_put``: write ``data`` (base64 in JSON) to ``path`` on the autopilot."""
+    """``do/file_put``: write ``data`` (base64 in JSON) to ``path`` on the autopilot. What an ArduPilot makes of its
+    plans and parameters (``@MISSION/mission.dat``) is not written so: ``mission_upload`` and ``param_set`` do that.
+    """
 
     path: str
     data: bytes

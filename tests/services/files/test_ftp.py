@@ -169,18 +169,41 @@ async def test_what_is_cancelled_is_the_transfer_under_way_and_none_that_waits(
         same((await second).read_bytes(), other)
 
 
-async def test_a_transfer_that_waits_for_what_is_none_is_not_cancelled(
+async def test_a_transfer_that_waits_for_what_is_none_is_cancelled(
     net: Net, onboard: StartOnboard, tmp_path: Path
 ) -> None:
     async with disk(net, onboard, tmp_path) as d:
-        data, waits = d.put("/APM/g", noise(2_000)), asyncio.Event()
-        async with d.onboard.files.ftp.turn("listing /APM", lambda news: None):
+        waits = asyncio.Event()
+        d.put("/APM/g", noise(2_000))
+        async with d.onboard.files.ftp.turn("getting @MISSION/mission.dat", lambda news: None):
             waiting = asyncio.ensure_future(
                 d.v.files.get("/APM/g", tmp_path / "g", lambda news: waits.set() if news.get("waiting_for") else None)
             )
             await asyncio.wait_for(waits.wait(), PATIENCE_S)
+            assert await d.v.files.cancel() == "a transfer"
+            with pytest.raises(Refused, match="superseded"):
+                await waiting
             assert await d.v.files.cancel() is None
-        same((await waiting).read_bytes(), data)
+        assert d.onboard.files.ftp.idle
+
+
+async def test_who_waits_for_a_turn_has_it_next(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    """Between two turns nobody has one, and yet nobody else could have it at once."""
+    async with disk(net, onboard, tmp_path) as d:
+        ftp, waits = d.onboard.files.ftp, asyncio.Event()
+
+        async def second() -> None:
+            async with ftp.turn("second", lambda news: waits.set()):
+                pass
+
+        assert ftp.idle
+        async with ftp.turn("first", lambda news: None):
+            assert not ftp.idle
+            waiting = asyncio.ensure_future(second())
+            await waits.wait()
+        assert (ftp.under_way, ftp.idle) == ((None, ""), False)
+        await waiting
+        assert ftp.idle
 
 
 async def test_a_put_is_cancelled_while_its_checksum_is_asked_for_too(

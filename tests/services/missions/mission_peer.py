@@ -15,7 +15,7 @@ from zmav.mavlink.frame import build_frame
 from zmav.services.missions.transfer import TransferTimes
 
 MISSION, FENCE, RALLY = 0, 1, 2
-ACCEPTED, ERROR, UNSUPPORTED, INVALID, INVALID_SEQUENCE, DENIED = 0, 1, 3, 5, 13, 14
+ACCEPTED, ERROR, UNSUPPORTED, INVALID, INVALID_SEQUENCE, DENIED, CANCELLED = 0, 1, 3, 5, 13, 14, 15
 Item = dict[str, Any]
 HOME = {
     "frame": 0,

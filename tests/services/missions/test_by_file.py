@@ -13,6 +13,8 @@ import pytest
 
 from tests.services.conftest import PATIENCE_S, Bench, StartBench, Told
 from tests.services.missions.mission_peer import (
+    ACCEPTED,
+    ERROR,
     FENCE,
     FENCE_ITEMS,
     INVALID,
@@ -27,8 +29,10 @@ from tests.services.missions.mission_peer import (
 )
 from zmav import wire
 from zmav.errors import Refused
-from zmav.mavlink import plan_file
+from zmav.mavlink import load_dialect, plan_file
 from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
+from zmav.services.missions.by_file import PlanFile
+from zmav.services.missions.items import MOST
 from zmav.services.missions.transfer import TransferTimes
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.filesystem import FileSystem
@@ -87,9 +91,9 @@ class FilingPeer(MissionPeer):
         self.ftp.tick(told.at)
 
     def asked(self, op: Op) -> int:
-        """How often it was asked for that."""
-        told = self.heard("FILE_TRANSFER_PROTOCOL")
-        return sum(unpack(each.fields["payload"]).opcode == op for each in told)
+        """How often it was asked for that, repetitions aside."""
+        packets = [unpack(each.fields["payload"]) for each in self.heard("FILE_TRANSFER_PROTOCOL")]
+        return len({packet.seq for packet in packets if packet.opcode == op})
 
     @property
     def by_item(self) -> int:
@@ -187,7 +191,8 @@ async def test_progress_is_told_by_items(filing: StartFiling) -> None:
 
 async def test_a_hundred_items_over_a_bad_link(filing: StartFiling) -> None:
     """20 % of the frames lost each way."""
-    b, peer = await filing(pace=TransferTimes(reply=0.072, shortest=0.02, longest=0.16))
+    # With 3 s for an answer one reading in ten would be item by item.
+    b, peer = await filing(pace=TransferTimes(reply=0.072, shortest=0.02, longest=0.16, file=15.0))
     peer.load(MISSION, raw(waypoints(3, alt=99.0)))
     peer.loss, peer.delay, peer.time = 0.2, 0.01, 0.1
     assert (await b.ground.do("mission_upload", items=waypoints(100))).result["count"] == 100
@@ -213,6 +218,20 @@ async def test_the_file_s_beginning_is_lost(filing: StartFiling) -> None:
     assert (await b.ground.do("mission_download")).result["count"] == 50
     assert (len(lost), peer.by_item) == (1, 0)
     assert peer.asked(Op.READ_FILE) <= 8  # and not for all that a file may have
+
+
+def test_what_lies_behind_the_file_s_end_takes_no_room() -> None:
+    """A packet says itself where it belongs, and may say anything."""
+    dialect = load_dialect()
+    file = PlanFile("mission", dialect, lambda done, of: None)
+    most = plan_file.size_of(MOST, dialect)
+    for offset in (0xFFFFFFF0, most):
+        assert (file.put(offset, b"x" * 16), len(file.data)) == (0, 0)
+    assert (file.put(most - 1, b"xy"), len(file.data)) == (1, most)
+    size = plan_file.size_of(2, dialect)
+    assert (file.put(0, plan_file.pack_header(MISSION, 2)), len(file.data)) == (plan_file.HEADER.size, size)
+    for offset in (size, size + 1, 0xFFFFFFF0):
+        assert (file.put(offset, b"x"), len(file.data)) == (0, size)
 
 
 # Others on the vehicle.
@@ -252,6 +271,37 @@ async def test_another_count_after_than_before_is_read_again(filing: StartFiling
     assert [i.z for i in (await plan(b)).items] == [each["z"] for each in waypoints(50, alt=77.0)]
 
 
+ELSE = (255, 190)
+
+
+@pytest.mark.parametrize(
+    ("say", "by_item"),
+    [
+        (lambda peer: peer.ack(MISSION, ACCEPTED, ELSE), 41),
+        (lambda peer: peer.send("MISSION_COUNT", target_system=255, target_component=190, count=77), 41),
+        (lambda peer: peer.ack(FENCE, ACCEPTED, ELSE), 0),
+        (lambda peer: peer.ack(MISSION, ERROR, ELSE), 0),
+    ],
+)
+async def test_an_upload_by_another_between_the_two_counts(
+    filing: StartFiling, say: Callable[[FilingPeer], None], by_item: int
+) -> None:
+    """Of as many items: what the others are told says that the file is a mixture."""
+    b, peer = await filing()
+    peer.load(MISSION, raw(waypoints(40)))
+    new = waypoints(40, alt=200.0) if by_item else waypoints(40)
+
+    def change(offset: int) -> None:
+        if offset >= 239 and len(peer.heard("MISSION_REQUEST_LIST")) == 1:
+            peer.load(MISSION, raw(new))
+            say(peer)
+
+    peer.on_read = change
+    assert (await b.ground.do("mission_download")).result["count"] == 40
+    assert [i.z for i in (await plan(b)).items] == [each["z"] for each in new]
+    assert peer.by_item == by_item
+
+
 async def test_a_file_server_in_other_hands_is_not_waited_for(filing: StartFiling) -> None:
     """A log may be minutes on its way; and when it is through, plans come as files again."""
     b, peer = await filing()
@@ -276,6 +326,8 @@ async def test_a_file_of_our_own_on_its_way_is_not_waited_for(filing: StartFilin
     assert (await b.ground.do("mission_download")).result["count"] == 4
     assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (5, 0)
     getting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await getting
 
 
 async def test_what_is_told_to_others_is_not_taken(filing: StartFiling) -> None:
@@ -287,7 +339,7 @@ async def test_what_is_told_to_others_is_not_taken(filing: StartFiling) -> None:
         to = {"target_system": 255, "target_component": 190}
         other = Packet(peer.asked(Op.BURST_READ_FILE), 9, Op.ACK, 40, Op.BURST_READ_FILE, data=b"\xff" * 40)
         peer.send("FILE_TRANSFER_PROTOCOL", **to, payload=pack(other))
-        peer.send("MISSION_COUNT", **to, count=77)
+        peer.send("MISSION_COUNT", **to, count=5)
         peer.send("MISSION_ITEM_INT", **to, seq=2, **OLD[0])
 
     peer.on_read = noise
@@ -337,12 +389,55 @@ async def test_what_is_no_such_file_is_not_taken_for_one(
     assert peer.ftp.open_path is None
 
 
-async def test_a_server_that_refuses_to_read(filing: StartFiling) -> None:
+@pytest.mark.parametrize(
+    ("op", "nak"),
+    [
+        (Op.BURST_READ_FILE, Nak.FILE_PROTECTED),
+        (Op.BURST_READ_FILE, Nak.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, Nak.FILE_PROTECTED),
+        (Op.OPEN_FILE_RO, Nak.FAIL),
+    ],
+)
+async def test_what_is_refused_now_may_be_had_another_time(filing: StartFiling, op: Op, nak: Nak) -> None:
     b, peer = await filing()
     peer.load(MISSION, OLD)
-    peer.ftp.faults.refuse[Op.BURST_READ_FILE] = Nak.FILE_PROTECTED
+    peer.ftp.faults.refuse[op] = nak
     assert (await b.ground.do("mission_download")).result["count"] == 4
     assert (peer.by_item, peer.ftp.open_path) == (5, None)
+    peer.ftp.faults.refuse.clear()
+    assert (await b.ground.do("mission_download")).result["count"] == 4
+    assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (5, 2)
+
+
+@pytest.mark.parametrize("op", [Op.OPEN_FILE_RO, Op.BURST_READ_FILE])
+async def test_a_silent_server_is_waited_for_once_in_an_order(filing: StartFiling, op: Op) -> None:
+    """And asked again in the next: it may have been the link."""
+    b, peer = await filing(pace=replace(QUICK, file=0.2))
+    peer.load(MISSION, OLD)
+    peer.ftp.faults.mute.add(op)
+    assert (await b.ground.do("mission_upload", items=NEW)).result["count"] == 10
+    assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (5 + 11, 1)
+    packets = [unpack(told.fields["payload"]) for told in peer.heard("FILE_TRANSFER_PROTOCOL")]
+    assert sum(packet.opcode == Op.OPEN_FILE_RO for packet in packets) <= 2  # in 0.2 s
+    peer.ftp.faults.mute.clear()
+    assert (await b.ground.do("mission_download")).result["count"] == 10
+    assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (5 + 11, 2)
+
+
+async def test_an_armed_vehicle_is_not_asked_for_files(filing: StartFiling) -> None:
+    """ArduPilot sends everything else more slowly meanwhile."""
+    b, peer = await filing()
+    peer.load(MISSION, OLD)
+    peer.armed = True
+    await b.state(lambda s: s["armed"], "armed")
+    assert (await b.ground.do("mission_download")).result["count"] == 4
+    assert not peer.heard("FILE_TRANSFER_PROTOCOL")
+
+
+async def test_another_than_ardupilot_may_name_a_file_so(filing: StartFiling) -> None:
+    b, _ = await filing(style="px4")
+    with pytest.raises(Refused, match="cannot write @mine"):  # by its file server, as it happens
+        await b.ground.do("file_put", path="@mine", data="")
 
 
 @pytest.mark.parametrize(("style", "capabilities"), [("px4", HAS_FILES), ("ardupilot", 0)])

@@ -24,6 +24,7 @@ from tests.services.missions.mission_peer import (
 )
 from zmav import keys
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
+from zmav.services.missions.items import Items
 from zmav.services.missions.transfer import TransferTimes
 
 OLD, NEW = raw(waypoints(4, alt=90.0)), waypoints(10)
@@ -292,6 +293,17 @@ async def test_progress_counts_without_home(mission_bench: MissionBench) -> None
     await asyncio.wait_for(_until(lambda: b.vehicle.missions.progress.reached == 2), 10.0)
     got = await plan(b)
     assert (got.current, got.reached, got.state) == (2, 1, "PAUSED")
+    missions = b.vehicle.missions
+    items = missions.items
+
+    def goes_on() -> Items:
+        """Called in the thread that encodes the plan: the vehicle flies on meanwhile."""
+        missions.progress.current = 9
+        return items()
+
+    missions.progress.current, missions.items = 2, goes_on  # type: ignore[method-assign]
+    assert (await plan(b)).current == 1  # and not kept as what is told of the second item
+    missions.items = items  # type: ignore[method-assign]
     peer.say_current(0)
     await asyncio.wait_for(_until(lambda: b.vehicle.missions.progress.current == 0), 10.0)
     assert (await plan(b)).current is None  # at home

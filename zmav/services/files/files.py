@@ -15,6 +15,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
+from zmav.autopilots.ardupilot import ArduPilot
 from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, Op, crc32
 from zmav.services.companion import Companion
@@ -26,8 +27,6 @@ from zmav.wire.files import CHUNK, MOST_CHUNKS, read_offset
 
 T = TypeVar("T")
 ATTEMPTS = 2
-GENERATED_PATH = "@"
-"""begins what ArduPilot makes of its plans and parameters, and takes back as such: nobody would judge them"""
 GENERATED = 1 << 20
 """bytes that are read at most of a file whose size the autopilot only guesses"""
 
@@ -36,7 +35,7 @@ class Files:
     """Orders ``file_*``, on the event loop, and the keys ``file/**``, in the lane of questions."""
 
     def __init__(self, companion: Companion, ftp: Ftp, store: Store) -> None:
-        self._port = companion.port
+        self._port, self._identity = companion.port, companion.identity
         key = {"fleet": companion.port.fleet, "vehicle": companion.port.name, "file": "*"}
         companion.questions.declare(keys.FILE.key(**key), self._on_info)
         companion.questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
@@ -74,7 +73,8 @@ class Files:
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
         args.check()
-        if args.path.lstrip("/").startswith(GENERATED_PATH):
+        autopilot = self._identity.autopilot
+        if generated(args.path) and (autopilot is None or autopilot.name == ArduPilot.name):
             text = (
                 f"{args.path} is no file on the autopilot's disk: mission_upload writes plans, and param_set parameters"
             )
@@ -91,11 +91,13 @@ class Files:
         return {"path": args.path, "size": size, "verified": found is not None, "rate": round(meter.rate)}
 
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
-        """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
+        """End the transfer under way, or the first that waits for something else. What has come of a file that is
+        fetched is kept, to be gone on with.
+        """
         task, what = self.ftp.under_way
-        if task is None:  # between two turns of one, or before its first
+        if task not in self._transfers:  # a plan or a listing; or between two turns of one, or before its first
             task, what = next(iter(self._transfers), None), "a transfer"
-        ended = task is not None and task in self._transfers and task.cancel()
+        ended = task is not None and task.cancel()
         return {"cancelled": what if ended else None}
 
     async def _change(self, op: Op, args: wire.FilePath, report: Report) -> dict[str, Any]:
@@ -201,6 +203,7 @@ class Files:
 
 def generated(path: str) -> bool:
     """An ArduPilot file that is made as it is read (``@PARAM/param.pck``). Its size is a guess, and it is laid out for
-    reads of one size: its checksum is that of other reads than ours.
+    reads of one size: its checksum is that of other reads than ours. Where such a file is written, ArduPilot takes it
+    for a plan or parameters, which nobody would have judged.
     """
     return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import random
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
@@ -148,6 +149,8 @@ class Ftp:
         self._turn = asyncio.Lock()
         self._what = ""
         self._holder: asyncio.Task[Any] | None = None
+        self._wanted = 0
+        """turns that somebody has or waits for"""
         self._seq = random.randrange(1 << 16)  # not where another run of ours ended
         self._dirty = True
         """a session of ours may still be open there, from before"""
@@ -156,6 +159,11 @@ class Ftp:
     def under_way(self) -> tuple[asyncio.Task[Any] | None, str]:
         """Whose turn it is, and what is being done, in words; None, and empty: nobody's."""
         return (self._holder, self._what) if self._turn.locked() else (None, "")
+
+    @property
+    def idle(self) -> bool:
+        """Nobody has a turn, nor waits for one: who asks for it now has it at once."""
+        return self._wanted == 0
 
     async def list(self, path: str, report: Report) -> list[wire.FileEntry]:
         """The entries of a directory, as the server orders them, without ``.`` and ``..``."""
@@ -195,14 +203,19 @@ class Ftp:
     # Transfers.
 
     async def fetch(
-        self, path: str, begin: Callable[[int], S], report: Report, busy: Sequence[Nak] = MAYBE_BUSY
+        self,
+        path: str,
+        begin: Callable[[int], S],
+        report: Report,
+        busy: Sequence[Nak] = MAYBE_BUSY,
+        give_up: float = math.inf,
     ) -> tuple[S, TransferMeter]:
         """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for. ``size`` is the
         server's word, and more than there is of a file that is made as it is read. ``busy``: refusals after which it
-        is tried again for a while.
+        is tried again for a while. ``give_up``: s of silence after which it is, where that is sooner than usual.
         """
         raw = check_path(path)
-        async with self._talk(f"getting {path}", report) as talk:
+        async with self._talk(f"getting {path}", report, give_up) as talk:
             answer = await self._open(talk, Op.OPEN_FILE_RO, raw, f"cannot read {path}", path, busy)
             try:
                 size = int.from_bytes(answer.data[:4], "little")
@@ -236,10 +249,14 @@ class Ftp:
         """Wait until no other transfer is under way, ``what`` in words; gives the autopilot's address."""
         if self._turn.locked():
             report({"waiting_for": self._what})
-        async with self._turn:
-            self._what, self._holder = what, asyncio.current_task()
-            report({"waiting_for": None})
-            yield await self._heard()
+        self._wanted += 1
+        try:
+            async with self._turn:
+                self._what, self._holder = what, asyncio.current_task()
+                report({"waiting_for": None})
+                yield await self._heard()
+        finally:
+            self._wanted -= 1
 
     async def _heard(self) -> tuple[int, int]:
         """The autopilot's address; a few heartbeats in a row may be lost."""
@@ -251,10 +268,10 @@ class Ftp:
         return self._identity.source
 
     @contextlib.asynccontextmanager
-    async def _talk(self, what: str, report: Report) -> AsyncIterator[Talk]:
+    async def _talk(self, what: str, report: Report, give_up: float = math.inf) -> AsyncIterator[Talk]:
         """A conversation, when it is our turn."""
         async with self.turn(what, report) as source:
-            with Talk(self._port, source, session=self._port.address[1], seq=self._seq) as talk:
+            with Talk(self._port, source, self._port.address[1], self._seq, give_up) as talk:
                 try:
                     if self._dirty:
                         await talk.ask(Op.RESET_SESSIONS)

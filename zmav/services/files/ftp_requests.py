@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -47,10 +48,11 @@ class Talk:
     ``session``: the number we ask with until the server names its own. ArduPilot lets the client choose, and closes by
     ResetSessions only the session of that number, so ours is not a ground station's. ``seq``: the last sequence number
     of the conversation before: a server takes a request with the number it answered last for a repetition of that.
+    ``most``: seconds without an answer after which any request is given up, though it may ask for more.
     """
 
-    def __init__(self, port: Port, target: tuple[int, int], session: int, seq: int = 0) -> None:
-        self._port, self._target = port, target
+    def __init__(self, port: Port, target: tuple[int, int], session: int, seq: int = 0, most: float = math.inf) -> None:
+        self._port, self._target, self._most = port, target, most
         self.session = session
         self.seq = seq
         self._trip = RoundTrip(1.0, SHORTEST, LONGEST)
@@ -102,6 +104,7 @@ class Talk:
 
         Raises :class:`TimedOut` after ``give_up`` seconds.
         """
+        give_up = min(give_up, self._most)
         began = sent = time.monotonic()
         seq, wait, again = self.send(op, data, offset=offset, size=size), self.patience, False
         while (now := time.monotonic()) < began + give_up:
@@ -125,7 +128,7 @@ class Talk:
         """
         flying: list[PendingJob] = []
         by_seq: dict[int, PendingJob] = {}
-        heard = time.monotonic()
+        heard, give_up = time.monotonic(), min(GIVE_UP, self._most)
         while True:
             while len(flying) < IN_FLIGHT and (job := next(jobs, None)) is not None:
                 flying.append(PendingJob(job))
@@ -135,8 +138,8 @@ class Talk:
             oldest = min(flying, key=lambda flight: flight.sent)
             answer = await self.receive(oldest.sent + self.patience - time.monotonic())
             if answer is None:
-                if time.monotonic() - heard > GIVE_UP:
-                    raise TimedOut(f"no answer to {op.name} within {GIVE_UP:.0f} s", vehicle=self._port.name)
+                if time.monotonic() - heard > give_up:
+                    raise TimedOut(f"no answer to {op.name} within {give_up:.0f} s", vehicle=self._port.name)
                 self._launch(op, oldest, by_seq)
                 continue
             flight = by_seq.get((answer.seq - 1) & 0xFFFF)

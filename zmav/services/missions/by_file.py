@@ -1,7 +1,9 @@
 """Downloads by the file that ArduPilot makes of each plan: a few round trips, however many items there are.
 
 The file's items are those of the moment at which each of them is read, and nothing in it tells of an upload by another.
-So the mission protocol, which denies all reading meanwhile, is asked for the number of items before and after. Uploads
+So the mission protocol, which denies all reading meanwhile, is asked for the number of items before and after; and
+where others are told of a plan in between, the items are asked for one by one. Item 0, home, may be torn: the main loop
+moves it while the file server reads it, without a lock. It is shown, and compared with nothing. Uploads
 stay with that protocol: a file that is written clears the plan before any item of it is looked at, the answer to its
 closing does not tell whether it was taken, and of a mission that is being flown the rest of the old one would stay.
 Which plans can be read so is the autopilot's rule (``MissionRules.files``).
@@ -10,21 +12,25 @@ Which plans can be read so is the autopilot's rule (``MissionRules.files``).
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 from collections.abc import Callable
 
 from zmav.errors import BadMessage, Refused, Stale, TimedOut
-from zmav.mavlink import Dialect
+from zmav.mavlink import Dialect, Frame, decode
+from zmav.mavlink.ftp import Nak
 from zmav.mavlink.plan_file import PATH, count_of, size_of, unpack_items
-from zmav.services.files.ftp import MAYBE_BUSY, Ftp
+from zmav.mavlink.results import MissionResult
+from zmav.services.files.ftp import Ftp
 from zmav.services.files.sink import Gaps
-from zmav.services.link.port import Port
+from zmav.services.link.port import Port, is_ours, listening
 from zmav.services.missions.items import KINDS, MOST, WORDS, Raw, raw_from
 from zmav.services.missions.transfer import DOWNLOAD, Busy, Download, Step, Transfer, TransferTimes
 from zmav.wire import MissionKind
 
 logger = logging.getLogger(__name__)
-BUSY = {nak.name for nak in MAYBE_BUSY}
+OTHERS = ("MISSION_ACK", "MISSION_COUNT")
+"""what tells that another client wrote a plan, or found another one"""
 
 
 class PlanFile:
@@ -38,7 +44,9 @@ class PlanFile:
 
     def put(self, offset: int, data: bytes) -> int:
         """As ``Sink.put``; raises :class:`BadMessage` where it does not begin as such a file does."""
-        data = data[: max(self._size - offset, 0)]
+        if offset >= self._size:
+            return 0
+        data = data[: self._size - offset]
         new = self.gaps.fill(offset, offset + len(data))
         self.data += bytes(max(offset + len(data) - len(self.data), 0))
         self.data[offset : offset + len(data)] = data
@@ -67,7 +75,7 @@ class PlanFile:
 class FileTransfer(Transfer):
     """A :class:`Transfer` that downloads by the plan's file, and as that does where the file cannot be had.
 
-    ``shut`` is called where it never can.
+    ``shut`` is called where there is no such file, and never will be.
     """
 
     def __init__(
@@ -82,30 +90,46 @@ class FileTransfer(Transfer):
     ) -> None:
         super().__init__(port, source, kind, times, window)
         self._ftp, self._shut = ftp, shut
+        self._given_up = False
+        """there is no such file, or nobody answers: this transfer asks for it no second time"""
 
     async def download(self, step: Step) -> Download:
         for _ in range(3):
-            before = await self._patiently(DOWNLOAD, self._count)
-            items = await self._read(step)
-            if items is None:
+            told: list[int | None] = []
+            with listening(self._port, self._source, OTHERS, functools.partial(self._note_other, told)):
+                before, after = await self._patiently(DOWNLOAD, self._count), None
+                items = await self._read(step)
+                if items is not None:
+                    with contextlib.suppress(Busy):  # it is read again when whoever writes it is through
+                        after = await self._run(DOWNLOAD, self._count())
+            if items is None or any(count != before[0] for count in told):
                 return await super().download(step)
-            with contextlib.suppress(Busy):  # it is read again when whoever writes it is through
-                if await self._run(DOWNLOAD, self._count()) == before and before[0] == len(items):
-                    return Download(items, before[1])
+            if after == before and before[0] == len(items):
+                return Download(items, before[1])
         raise self._keeps_changing()
+
+    def _note_other(self, told: list[int | None], frame: Frame) -> None:
+        """In the link's thread: how many items another client was told of, and None where its upload was accepted."""
+        fields = decode(frame, self._port.dialect)
+        if fields["mission_type"] != KINDS[self._kind] or is_ours(fields, self._port):
+            return
+        if fields.get("type", MissionResult.ACCEPTED) == MissionResult.ACCEPTED:
+            told.append(fields.get("count"))
 
     async def _read(self, step: Step) -> list[Raw] | None:
         """The items of the file, home included; None: not now, or never."""
-        task, _ = self._ftp.under_way
-        if task is not None:
+        if self._given_up or not self._ftp.idle:
             return None  # a file or a log may be minutes on its way
         path = PATH.format(self._kind)
         file = PlanFile(self._kind, self._port.dialect, step)
         try:
-            await self._ftp.fetch(path, lambda size: file, lambda news: None, busy=())
+            await self._ftp.fetch(path, lambda size: file, lambda news: None, busy=(), give_up=self._times.file)
             return file.items()
         except (BadMessage, Refused, Stale, TimedOut) as e:
             logger.debug("%s: the %s by the mission protocol: %s", self._port.name, WORDS[self._kind], e.message)
-            if e.detail.get("nak") not in BUSY and not isinstance(e, Stale) and e.detail.get("field") != "items":
+            missing = e.detail.get("nak") == Nak.FILE_NOT_FOUND.name and "path" in e.detail  # to read it names none
+            if missing or e.detail.get("field") == "header":  # anything else may pass
                 self._shut()
+                self._given_up = True
+            self._given_up |= isinstance(e, TimedOut)
             return None

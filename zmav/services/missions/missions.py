@@ -12,7 +12,7 @@ import functools
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, get_args
 
 import zenoh
@@ -166,8 +166,9 @@ class Missions:
             if kind != "fence" and (self._identity.armed or (kind == "rally" and self._bounds.placed)):
                 self._bounds.check_mission(new, force=force)
             phase = functools.partial(_steps, kind, [report])
-            old = self._before(kind, await self._known(kind, phase))
-            replacer = self._replacer(kind, phase)
+            transfer = self._transfer(kind)
+            old = self._before(kind, await self._known(kind, transfer, phase))
+            replacer = self._replacer(kind, transfer, phase)
             start = self.items().offset(kind)
             self._owed[kind] = owed = self._owner(), old, [*old.items[:start], *new]
             try:
@@ -197,13 +198,13 @@ class Missions:
             return there
         return owed[1]
 
-    async def _known(self, kind: MissionKind, phase: Phase) -> Download:
+    async def _known(self, kind: MissionKind, transfer: Transfer, phase: Phase) -> Download:
         """The plan that is there now; read again unless its opaque id shows that the cache is right."""
         held = self._cached(kind)
         said = self.progress.ids[KINDS[kind]]
         if held is not None and held.sure and held.plan.id is not None and held.plan.id == said:
             return held.plan
-        return await self._transfer(kind).download(phase("reading the old plan"))
+        return await transfer.download(phase("reading the old plan"))
 
     async def _read(self, kind: MissionKind, report: Report) -> Held:
         """Download; who comes while it is under way shares it."""
@@ -244,13 +245,13 @@ class Missions:
     def _transfer(self, kind: MissionKind) -> Transfer:
         rules, plan = self._do.autopilot().missions, (self._owner(), kind)
         given = self._port, self._do.source(), kind, self.pace, rules.window
-        if kind in rules.files and plan not in self._no_file:
+        if kind in rules.files and plan not in self._no_file and self._identity.armed is False:
             return FileTransfer(*given, self._ftp, lambda: self._no_file.add(plan))
         return Transfer(*given)
 
-    def _replacer(self, kind: MissionKind, phase: Phase) -> Replacer:
+    def _replacer(self, kind: MissionKind, transfer: Transfer, phase: Phase) -> Replacer:
         exact = self._do.autopilot().missions.exact
-        return Replacer(self._transfer(kind), self.items(), kind, self._events, phase, exact)
+        return Replacer(transfer, self.items(), kind, self._events, phase, exact)
 
     # The cache.
 
@@ -274,8 +275,8 @@ class Missions:
     def _ours(self, kind: MissionKind, held: Held) -> list[Raw]:
         return held.plan.items[self.items().offset(kind) :]
 
-    def _mission(self, kind: MissionKind, held: Held) -> wire.Mission:
-        items, at = self.items(), self.progress
+    def _mission(self, kind: MissionKind, held: Held, at: Progress) -> wire.Mission:
+        items = self.items()
         mission = wire.Mission(kind=kind, items=items.decode(kind, held.plan.items), id=held.plan.id)
         if kind == "mission":
             start = items.offset(kind)
@@ -339,7 +340,7 @@ class Missions:
                 async with self._turn(f"restoring the {WORDS[kind]}", lambda news: None):
                     if kind not in self._owed:
                         return  # somebody has put another there meanwhile
-                    replacer = self._replacer(kind, functools.partial(_steps, kind, []))
+                    replacer = self._replacer(kind, self._transfer(kind), functools.partial(_steps, kind, []))
                     now, which = await replacer.restore(old, new)
                     del self._owed[kind]
                     self._hold(kind, now)
@@ -383,9 +384,9 @@ class Missions:
         except asyncio.TimeoutError:
             far = f"{progress.get('done', 0)} of {progress.get('of', '?')} items"
             raise Stale(f"the {WORDS[kind]} are being read: {far}; ask again", reading=True, **progress) from None
-        at = (self.progress.current, self.progress.reached, self.progress.state)
+        at = replace(self.progress)  # it may change while the plan is encoded
         if held.encoded is None or held.encoded[0] != at:
-            held.encoded = (at, await asyncio.to_thread(lambda: wire.encode(self._mission(kind, held))))
+            held.encoded = (at, await asyncio.to_thread(lambda: wire.encode(self._mission(kind, held, at))))
         return held.encoded[1]
 
     def _key(self, kind: MissionKind) -> str:

@@ -11,6 +11,7 @@ is sent what was heard. Only where nothing came in time the event loop sends it 
 from __future__ import annotations
 
 import asyncio
+import functools
 import struct
 import threading
 import time
@@ -45,6 +46,8 @@ Waits = Generator[float, "Heard | None", T]
 COUNT = -1
 """stands before item 0: the answer to MISSION_COUNT is the request for that"""
 NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
+OF_ALL = (MissionResult.DENIED, MissionResult.OPERATION_CANCELLED)
+"""what refuses the upload, and not an item of it"""
 
 
 class _Sent:
@@ -61,9 +64,13 @@ class _Sent:
         """When it was last sent, and how often."""
         return self._items.get(seq, (0.0, 0))
 
+    def all(self, count: int) -> bool:
+        """All ``count`` items were sent."""
+        return len(self._items) == count + 1
+
     def whole(self, count: int) -> bool:
         """All ``count`` items were sent, and the last one was asked for: so those before it were not lost."""
-        return self.asked == count - 1 and len(self._items) == count + 1
+        return self.asked == count - 1 and self.all(count)
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,8 @@ class TransferTimes:
     """before an autopilot that is busy with another's transaction is asked again"""
     busy: float = 12.0
     """for it to be done with that: a transaction nobody goes on with ends after eight seconds"""
+    file: float = 3.0
+    """for any answer of its file server, before items are asked for one by one"""
 
 
 class Ended(NamedTuple):
@@ -101,7 +110,11 @@ class Busy(Exception):
 
 
 class _OneOfMany(Exception):
-    """One of several items under way was refused: which of them, only sending them one by one tells."""
+    """One of several items under way was refused, from ``first`` on: which, only sending those one by one tells."""
+
+    def __init__(self, first: int) -> None:
+        super().__init__()
+        self.first = first
 
 
 def opaque_ids(frame: Frame, name: str) -> tuple[int | None, ...]:
@@ -128,10 +141,12 @@ class Transfer:
         Raises :class:`Refused` or :class:`Unsupported` with the result and the item, or :class:`TimedOut`: what the
         autopilot then holds is not known.
         """
-        try:
-            return await self._patiently(UPLOAD, lambda: self._upload(items, step, self._window))
-        except _OneOfMany:
-            return await self._patiently(UPLOAD, lambda: self._upload(items, step, 1))
+        alone = len(items)
+        while True:  # "alone" comes nearer each time
+            try:
+                return await self._patiently(UPLOAD, functools.partial(self._upload, items, step, alone))
+            except _OneOfMany as e:
+                alone = e.first
 
     async def download(self, step: Step) -> Download:
         """Read the whole plan; begun again where it changes meanwhile. Raises as :meth:`upload` does."""
@@ -201,10 +216,15 @@ class Transfer:
             return None
         return name, {**fields, "opaque_id": opaque_ids(frame, name)[0]} if name in OPAQUE_ID else fields
 
-    def _upload(self, items: Sequence[Raw], step: Step, window: int) -> Waits[Ended]:
+    def _upload(self, items: Sequence[Raw], step: Step, alone: int) -> Waits[Ended]:
+        """From item ``alone`` on each is sent when it is asked for, and none before."""
         count, sent, complaints = len(items), _Sent(), 0
         last, tries = -1, 1
         unsent = 0  # the first item that was not sent yet, or that is to be sent again
+
+        def end(seq: int) -> int:
+            return max(min(seq + self._window, alone), seq + 1)
+
         self._send_count(count, sent)
         for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
             heard = yield time.monotonic() + self._trip.timeout
@@ -214,21 +234,23 @@ class Transfer:
                     ended = self._judge(heard[1], sent, last, count)
                     if isinstance(ended, Ended):
                         return ended
-                    if ended is not None and unsent <= last + 1:
+                    if ended is not None and (unsent <= last + 1 or heard[1]["type"] in OF_ALL):
                         raise ended
                     if ended is not None:  # it is of an item behind that one, where the request for it was lost
-                        yield from self._quiet(4 * window)
-                        raise _OneOfMany
+                        yield from self._quiet(4 * self._window)
+                        raise _OneOfMany(last)
             elif heard is not None and heard[1]["seq"] < count:
                 seq = heard[1]["seq"]
-                if seq <= last:
-                    unsent = seq  # it is asked for again
+                again = seq <= last
                 if seq != last:
                     self._learn(*sent.times(seq - 1))
                     last, tries, sent.asked = seq, 0, max(sent.asked, seq)
                     step(seq, count)
                 tries += 1
-                unsent = self._send_items(items, max(seq, unsent), seq + window, sent)
+                if not again:
+                    unsent = self._send_items(items, max(seq, unsent), end(seq), sent)
+                elif time.monotonic() - sent.times(seq)[0] >= self._trip.timeout:  # else it may still be on its way
+                    unsent = self._send_items(items, seq, seq + 1, sent)  # those behind it when it has come
             elif heard is None:
                 if sent.whole(count) and tries >= 4:
                     return Ended(None, sure=False)  # its last word was lost, and it says no other
@@ -238,7 +260,7 @@ class Transfer:
                 if last < 0:
                     self._send_count(count, sent)
                 else:
-                    unsent = self._send_items(items, last, last + window, sent)
+                    unsent = self._send_items(items, last, end(last), sent)
         what = f"item {last} of {count} (home included)" if last >= 0 else "the number of items"
         raise TimedOut(
             f"upload of the {self._words}: the autopilot does not go on after {what}", vehicle=self._port.name
@@ -248,13 +270,16 @@ class Transfer:
         """What a MISSION_ACK says of an upload: its end, a refusal of item ``last``, or None, nothing."""
         result = ack["type"]
         if result == MissionResult.ACCEPTED:
-            # Before everything was asked for it is a late one, of some transaction before.
-            return Ended(ack["opaque_id"], sure=True) if sent.whole(count) else None
+            if sent.whole(count):
+                return Ended(ack["opaque_id"], sure=True)
+            # It came before the request for the last item, or that was lost. But where not even one item was gone on
+            # from, though a short plan is sent by then, it may be a late one, of some transaction before.
+            return Ended(None, sure=False) if sent.all(count) and last > 0 else None
         if result == MissionResult.INVALID_SEQUENCE:
             return None  # an item came twice, or before one that was lost; ArduPilot says so and goes on
         if result == MissionResult.DENIED and last < 0:
             raise Busy
-        if sent.whole(count) and sent.times(count - 1)[1] > 1 and result == MissionResult.ERROR:
+        if sent.all(count) and sent.times(count - 1)[1] > 1 and result == MissionResult.ERROR:
             return Ended(None, sure=False)  # what it does not want is the repeated last item: it had the first
         return self._refusal(result, last if last >= 0 else None)
 
