@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import zmav
 from agents.follower.guide import Guide, TargetFix
+from agents.follower.place import HZ, Here
 from agents.follower.slot import Slot
 from agents.follower.tracker import Tracker
 from zmav import keys, wire
@@ -18,7 +19,6 @@ from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale
 from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
 from zmav.trust.gate import Origin
-from zmav.vehicle.vehicle import Place
 from zmav.verbs import Access, Verb
 from zmav.waiting import together
 
@@ -28,8 +28,6 @@ VALID = 0.4
 """s until a setpoint is flown no more, and the vehicle holds"""
 SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
-PLACES_HZ = 10.0
-"""at which the vehicle is asked where it is: as often as its helipad agent asks"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
@@ -92,8 +90,7 @@ class Follower(FlyingAgent):
         self._sight = 0.0
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
-        self._here: Place | None = None
-        """where the vehicle said last that it is"""
+        self._here = Here(0.0)
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
@@ -149,7 +146,7 @@ class Follower(FlyingAgent):
     async def _fly(self, args: Follow, guide: Guide, started: Started) -> str:
         """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
         lost, fleet, me = asyncio.Event(), self.vehicle.fleet, self.vehicle.name
-        self._plane_told = self._heading = self._here = None
+        self._plane_told = self._heading = None
 
         def on_lost(who: str) -> None:
             self.say("slot", "warning", f"{who} keeps the place {SLOT} {args.target} since before us")
@@ -165,6 +162,7 @@ class Follower(FlyingAgent):
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
+                self._here = Here(time.monotonic())
                 hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
                 try:
                     await self._follow(guide, lease, lost, hearing)
@@ -203,16 +201,17 @@ class Follower(FlyingAgent):
         async with self.z.subscribe(key, convert, depth=20) as sights:
             async for sight in sights:
                 guide.tracker.accel = self["accel"]
-                me = self._place()
+                me = self._here.at(time.time())
                 if me is not None and guide.see(time.time(), sight.t, sight.found, me, self._told(), self["score"]):
                     self._sight = sight.t
 
     async def _places(self, guide: Guide) -> None:
         """Where the vehicle is: more often than its states come, by the autopilot's own clock."""
-        async with self.vehicle.places(PLACES_HZ) as places:
+        async with self.vehicle.places(HZ) as places:
             async for place in places:
-                self._here = place
-                guide.drift.feed(place.t, time.monotonic(), place.pos, place.vel)
+                heard = time.monotonic()
+                if self._here.feed(place, heard):
+                    guide.drift.feed(place.t, heard, place.pos, place.vel)
 
     async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
         said, due = "", time.monotonic()
@@ -223,10 +222,13 @@ class Follower(FlyingAgent):
                 hearing.result()
             try:
                 state = self.vehicle.state
+                self._here.check(time.time(), time.monotonic())
             except Stale as e:  # the vehicle holds by itself
                 self.status(guide.phase, e.message, target=self.target)
+                if self._here.silent(time.monotonic()) > PATIENCE:
+                    raise
             else:
-                if state.local is not None and self._here is not None and self._step(guide, lease, state):
+                if state.local is not None and self._step(guide, lease, state):
                     self.status("land", "on the pad")
                     await self.vehicle.land()
                     return
@@ -240,9 +242,10 @@ class Follower(FlyingAgent):
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""
         self._hear(state)
-        now, me = time.time(), self._place()
-        assert me is not None and self._here is not None
-        command = guide.step(now, me, self._told(), self._plane(state), self._late, self._here.vel)
+        now, here = time.time(), self._here
+        me = here.at(now)
+        assert me is not None and here.last is not None
+        command = guide.step(now, me, self._told(), self._plane(state), self._late, here.last.vel, here.late(now))
         if self._heading is None and state.attitude is not None:
             self._heading = state.attitude.yaw
         with contextlib.suppress(NotHolder):  # said by lease.lost
@@ -260,14 +263,6 @@ class Follower(FlyingAgent):
         self._state_t = state.t
         since = self.vehicle.age or 0.0
         self._late += LATE_GAIN * (max(0.0, min(time.time() - since - state.t, MOST_LATE)) - self._late)
-
-    def _place(self) -> wire.Vector | None:
-        """Where the vehicle is now, carried on from when it said so."""
-        if self._here is None:
-            return None
-        age = max(0.0, min(time.time() - self._here.t, MOST_LATE))
-        north, east, down = (x + age * v for x, v in zip(self._here.pos, self._here.vel, strict=True))
-        return north, east, down
 
     def _told(self) -> TargetFix | None:
         """Where the target says that it is, where that is not old."""

@@ -53,6 +53,8 @@ rises: there it sees the pad
 """
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
+GAP = 0.5
+"""s without a step from which on the last half metre is not gone on with: it was not flown meanwhile"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
 CLOSE, MOST, PULL = 1.0, 1.0, 0.6
@@ -189,10 +191,13 @@ class Guide:
         plane: float,
         late: float = 0.0,
         vel: Vector = (0.0, 0.0, 0.0),
+        old: float = 0.0,
     ) -> FollowCommand:
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
-        hears the command.
+        hears the command; ``old``: s by which what is known of ``me`` is late.
         """
+        if self._before and now - self._before > GAP and self.phase == "touch":
+            self.phase, self._since, self._level = "descend", now, None
         dt, self._before = (min(max(now - self._before, 0.0), 0.5) if self._before else 0.0), now
         if self.tracker.t is not None and self.tracker.t > now + AHEAD:  # the clock was set back
             self.tracker.forget()
@@ -212,7 +217,7 @@ class Guide:
             return self._look(now, dt, me, told, plane)
         estimate = self.target(now + self.tuned("lead") + late)
         assert estimate is not None
-        return self._above(estimate, dt, me, now, plane, late, vel)
+        return self._above(estimate, dt, me, now, plane, late, vel, old)
 
     def _turn(self, now: float, me: Vector, told: TargetFix | None, late: float) -> None:
         """To the phase that follows from what is known now; a sight comes as late as everything else."""
@@ -282,7 +287,15 @@ class Guide:
         return self._begun
 
     def _above(
-        self, estimate: TargetEstimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
+        self,
+        estimate: TargetEstimate,
+        dt: float,
+        me: Vector,
+        now: float,
+        plane: float,
+        late: float,
+        vel: Vector,
+        old: float,
     ) -> FollowCommand:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
@@ -296,7 +309,7 @@ class Guide:
         speed = math.hypot(u, v)
         if speed > (most := self.tuned("speed")):
             u, v = u * most / speed, v * most / speed
-        more = self._against(behind, slower, dt, late)
+        more = self._against(behind, slower, dt, max(late, old))
         land = self.phase == "touch" and (
             (plane - me[2] < TOUCH + 0.1 and level < TOUCH) or now - self._since > TOUCHING
         )
@@ -340,7 +353,7 @@ class Guide:
     ) -> tuple[float, float]:
         """m/s north, east that are added to the velocity against gusts. An autopilot takes about a second over a
         metre; shares of how far off it is and of how much ``slower`` it is than the target, and the integral of the
-        distance, make that stiffer. All end where they are heard late.
+        distance, make that stiffer. All end where they are heard late, or of a place that is: ``late``.
         """
         share = max(0.0, 1.0 - late / TOO_LATE)
         if math.hypot(*behind) < CLOSE:

@@ -243,8 +243,9 @@ def test_hold_stays_where_it_was_told_and_goes_on_when_asked() -> None:
 def test_what_it_flies_faster_than_the_target_is_taken_from_the_velocity() -> None:
     world = World(lambda t: (0.0, 0.0)).run(15.0)
     before = world.command.vel[1]
-    world.vel[1] = 0.5
-    world.step()
+    for _ in range(3):  # until it has heard that of itself
+        world.vel[1] = 0.5
+        world.step()
     assert before - world.command.vel[1] > 0.8 * 0.5 * world.tuned["damp"]
 
 
