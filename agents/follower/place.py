@@ -1,4 +1,4 @@
-"""Where the vehicle is, by the last place that it said, for as long as that tells it. No clock and no network in here."""
+"""Where the vehicle is, by the last place that it said, as long as that tells it. No clock and no network in here."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from zmav.wire import Vector
 HZ = 10.0
 """at which the vehicle is asked where it is: as often as its helipad agent asks"""
 SILENT = 0.5
-"""s without a new place after which nothing is flown by the last one: five were lost, and in a gust it moves half a metre
-meanwhile
+"""s without a new place after which nothing is flown by the last one: five were lost, and in a gust it may move half a
+metre meanwhile
 """
 TOO_OLD = 1.0
 """s of a place's age by the two clocks from which it is no place any more, however lately it came"""
 
 
 class Here:
-    """Times of places are UTC seconds; those of hearing them are of a clock that nobody sets (s). ``begun``: when it was
-    begun to listen, by the latter.
+    """Times of places are UTC seconds; those of hearing them are of a clock that nobody sets (s). ``begun``: when
+    listening began, by the latter.
     """
 
     def __init__(self, begun: float) -> None:

@@ -78,8 +78,19 @@ def test_it_does_not_land_on_an_old_place(phase: str) -> None:
     assert world.old_places > 190
     assert DECK - float(world.pos[2]) > height - 0.15, "it sinks by an old place"
     world.pos[:2], world.place_late = 0.0, lambda t: 0.02
-    world.run(0.2)
-    assert world.guide.phase != "touch", "it goes on where it was, unseen, after ten seconds"
+    world.run(90.0, lambda w: w.command.land)
+    assert world.command.land
+    assert world.off[-1] < 0.15
+
+
+def test_it_does_not_go_on_down_unseen_after_it_was_not_flown() -> None:
+    world = over_the_pad(lambda w: w.guide.phase == "touch")
+    world.place_late = lambda t: math.inf
+    world.run(1.5)
+    world.place_late = lambda t: 0.02
+    resumed = len(world.phases)
+    world.run(0.3)
+    assert world.phases[resumed:] == ["descend"]
     world.run(90.0, lambda w: w.command.land)
     assert world.command.land
     assert world.off[-1] < 0.15
