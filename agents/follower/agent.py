@@ -32,6 +32,8 @@ OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
 """of the smoothed time from the vehicle to us; s of it that are believed"""
+OFTEN = 3
+"""landings stopped by gusts from which on each one is told of as a warning"""
 DELAYS = 50
 """of which the median from shutter to setpoint is told"""
 
@@ -121,13 +123,14 @@ class Follower(FlyingAgent):
     async def on_land(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         guide, flight = self._flying(), self.flight
         assert flight is not None
-        guide.wanted = "land"
+        guide.land()
         while not (await asyncio.wait({flight}, timeout=0.2))[0]:
             if guide.wanted != "land":
-                raise Refused("it was told otherwise, or did not find the pad: it does not land", phase=guide.phase)
+                why = guide.why or "it was told otherwise"
+                raise Refused(f"it does not land: {why}", phase=guide.phase, called_off=guide.called_off)
         if (error := flight.exception()) is not None:
             raise error
-        return {"lost": guide.lost}
+        return {"lost": guide.lost, "called_off": guide.called_off}
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         self._flying()
@@ -214,7 +217,7 @@ class Follower(FlyingAgent):
                     guide.drift.feed(place.t, heard, place.pos, place.vel)
 
     async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
-        said, due = "", time.monotonic()
+        said, stopped, due = "", 0, time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:
                 raise lease.lost
@@ -235,6 +238,10 @@ class Follower(FlyingAgent):
             if guide.phase != said:
                 said = guide.phase
                 self.say("phase", "info", f"{said} {self.target}".strip(), phase=said)
+            if guide.called_off != stopped:
+                stopped = guide.called_off
+                if stopped >= OFTEN:
+                    self.say("landing", "warning", f"stopped {stopped} times by gusts near the pad: it tries again")
             due = max(due + TICK, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
         raise Refused("another one keeps the slot", target=self.target)
@@ -288,6 +295,8 @@ class Follower(FlyingAgent):
     def _tell(self, guide: Guide, me: wire.Vector, now: float) -> None:
         estimate = guide.target(now)
         detail: dict[str, Any] = {"target": self.target, "height": guide.height, "lost": guide.lost}
+        if guide.wanted == "land":
+            detail["called_off"] = guide.called_off
         if estimate is not None and guide.tracker.t is not None:
             north, east = map(float, estimate.pos)
             detail |= {

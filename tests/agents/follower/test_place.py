@@ -58,7 +58,7 @@ def test_how_late_it_is_does_not_count_the_time_between_two() -> None:
 
 def over_the_pad(until: Callable[[World], bool]) -> World:
     world = World(lambda t: (0.0, 0.0)).run(10.0)
-    world.guide.wanted = "land"
+    world.guide.land()
     world.run(30.0, until)
     assert until(world)
     return world
