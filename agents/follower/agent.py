@@ -7,6 +7,7 @@ import contextlib
 import statistics
 import time
 from collections import deque
+from collections.abc import Callable, Coroutine
 from typing import Any, ClassVar
 
 import zmav
@@ -183,16 +184,21 @@ class Follower(FlyingAgent):
             return
         self.status("takeoff", f"to {guide.height:g} m")
         await self.vehicle.arm()
-        climbing = asyncio.create_task(self.vehicle.takeoff(guide.height))
+        await self._unless(lambda: guide.wanted == "hold" or lost.is_set(), self.vehicle.takeoff(guide.height))
+
+    async def _unless(self, otherwise: Callable[[], bool], order: Coroutine[Any, Any, None]) -> bool:
+        """Whether the vehicle did it; it holds instead where it is told ``otherwise`` meanwhile."""
+        doing = asyncio.create_task(order)
         try:
-            while not (await asyncio.wait({climbing}, timeout=0.1))[0]:
-                if guide.wanted == "hold" or lost.is_set():
+            while not (await asyncio.wait({doing}, timeout=0.1))[0]:
+                if otherwise():
                     await self.vehicle.hold()
-                    return
-            climbing.result()
+                    return False
+            doing.result()
+            return True
         finally:
-            climbing.cancel()
-            await asyncio.gather(climbing, return_exceptions=True)
+            doing.cancel()
+            await asyncio.gather(doing, return_exceptions=True)
 
     async def _see(self, guide: Guide) -> None:
         """Whatever is found in the vehicle's own pictures, wherever they are looked at."""
@@ -233,8 +239,8 @@ class Follower(FlyingAgent):
             else:
                 if state.local is not None and self._step(guide, lease, state):
                     self.status("land", "on the pad")
-                    await self.vehicle.land()
-                    return
+                    if await self._unless(lambda: guide.wanted != "land", self.vehicle.land()):
+                        return
             if guide.phase != said:
                 said = guide.phase
                 self.say("phase", "info", f"{said} {self.target}".strip(), phase=said)

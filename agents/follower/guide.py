@@ -140,8 +140,8 @@ class Guide:
     """m/s north, east: the integral of how far off it has been, against a steady wind"""
 
     def land(self) -> None:
-        """Have it go down onto the pad. It wants to follow again where it waited too long for a calm moment, and to hold
-        where it looked for the pad too long; :attr:`why` says that.
+        """Have it go down onto the pad. Where it waited too long for a calm moment it wants to follow again, and where
+        it looked for the pad too long, to hold; :attr:`why` says that.
         """
         if self.wanted != "land":
             self.called_off, self._waited = 0, 0.0

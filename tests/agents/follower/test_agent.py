@@ -88,14 +88,23 @@ async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
         await stack.enter_async_context(follower)
 
         async def see() -> None:
-            """A pad on the ground, north of where it stands."""
+            """A pad, north of where it stands and so high up that the last landing of all takes seconds."""
             key = keys.DETECTION.key("demo", "quad1", camera="down")
-            pad = wire.Detection(
-                symbol="H", u=0.0, v=0.0, scale_px=20.0, heading=0.0, score=0.9, pos=(1.0, 0.0, quad.local[2])
-            )
+            place = (1.0, 0.0, quad.local[2] - 3.0)
+            pad = wire.Detection(symbol="H", u=0.0, v=0.0, scale_px=20.0, heading=0.0, score=0.9, pos=place)
             for seq in range(10_000):
-                about = {"camera": "down", "width": 640, "height": 480, "detector": "test", "took": 0.0, "delay": 0.0}
-                z.put(keys.DETECTION, key, wire.Detections(t=time.time(), seq=seq, found=[pad], **about))
+                sight = wire.Detections(
+                    t=time.time(),
+                    camera="down",
+                    seq=seq,
+                    width=640,
+                    height=480,
+                    detector="test",
+                    took=0.0,
+                    delay=0.0,
+                    found=[pad],
+                )
+                z.put(keys.DETECTION, key, sight)
                 await asyncio.sleep(0.1)
 
         running = [asyncio.create_task(each) for each in (follower.run(), see())]
@@ -133,3 +142,18 @@ async def test_a_vehicle_that_never_says_where_it_is_is_not_flown(scene: Scene) 
     assert isinstance(flight.exception(), Stale)
     assert "no GLOBAL_POSITION_INT of its autopilot has come" in follower.said[-1]
     assert quad.state.setpoints.get("flown", 0) == 0
+
+
+async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene: Scene) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=2.0)
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    landing = asyncio.create_task(quad.tell("follower", "land"))
+    await until(lambda: "on the pad" in follower.said, "it does not land", PATIENCE_S)
+    await quad.tell("follower", "hold")
+    with pytest.raises(Refused, match="it does not land: it was told otherwise"):
+        await landing
+    await until(lambda: scene.phase == "hold", "it goes on landing")
+    assert quad.state.armed
+    assert follower.flying
+    assert follower.said[-1].startswith("hold")
