@@ -94,6 +94,8 @@ class Follower(FlyingAgent):
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
         self._here = Here(0.0)
+        self._placed = 0.0
+        """when it was known last where the vehicle is, or nothing at all was heard of it (s of the monotonic clock)"""
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
@@ -166,7 +168,8 @@ class Follower(FlyingAgent):
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
-                self._here = Here(time.monotonic())
+                self._placed = time.monotonic()
+                self._here = Here(self._placed)
                 hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
                 try:
                     await self._follow(guide, lease, lost, hearing)
@@ -229,18 +232,11 @@ class Follower(FlyingAgent):
                 raise lease.lost
             if hearing.done():
                 hearing.result()
-            try:
-                state = self.vehicle.state
-                self._here.check(time.time(), time.monotonic())
-            except Stale as e:  # the vehicle holds by itself
-                self.status(guide.phase, e.message, target=self.target)
-                if self._here.silent(time.monotonic()) > PATIENCE:
-                    raise
-            else:
-                if state.local is not None and self._step(guide, lease, state):
-                    self.status("land", "on the pad")
-                    if await self._unless(lambda: guide.wanted != "land", self.vehicle.land()):
-                        return
+            state = self._known(guide)
+            if state is not None and state.local is not None and self._step(guide, lease, state):
+                self.status("land", "on the pad")
+                if await self._unless(lambda: guide.wanted != "land", self.vehicle.land()):
+                    return
             if guide.phase != said:
                 said = guide.phase
                 self.say("phase", "info", f"{said} {self.target}".strip(), phase=said)
@@ -251,6 +247,29 @@ class Follower(FlyingAgent):
             due = max(due + TICK, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
         raise Refused("another one keeps the slot", target=self.target)
+
+    def _known(self, guide: Guide) -> wire.VehicleState | None:
+        """The state, where that and the vehicle's place can be relied on; else None, and the status says why: without
+        setpoints the vehicle holds by itself. Raises :class:`Stale` where it has been heard for :data:`PATIENCE`, but
+        not where it is.
+        """
+        now = time.monotonic()
+        try:
+            state = self.vehicle.state
+        except Stale as e:
+            self._placed, why = now, e.message
+        else:
+            try:
+                self._here.check(time.time(), now)
+            except Stale as e:
+                if now - self._placed > PATIENCE:
+                    raise
+                why = e.message
+            else:
+                self._placed = now
+                return state
+        self.status(guide.phase, why, target=self.target)
+        return None
 
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""

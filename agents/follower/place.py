@@ -34,15 +34,11 @@ class Here:
         self.last, self._heard = place, heard
         return True
 
-    def silent(self, now: float) -> float:
-        """s since a new place was heard, or since it was begun to listen; ``now`` by the clock of hearing."""
-        return now - self._heard
-
     def check(self, t: float, now: float) -> Place:
         """The last place, where it may be flown by at ``t`` (UTC s), ``now`` by the clock of hearing; else raises
         :class:`~zmav.errors.Stale`.
         """
-        silent = self.silent(now)
+        silent = now - self._heard
         if self.last is None:
             raise Stale(f"no GLOBAL_POSITION_INT of its autopilot has come for {silent:.1f} s", age=silent)
         if silent > SILENT:

@@ -43,11 +43,13 @@ class Places:
     async def __aiter__(self) -> AsyncIterator[Place]:
         async for place in self._said:
             if self._quad.says_places:
-                yield place
+                yield place._replace(t=place.t - self._quad.late)
 
 
 class Quad(zmav.Vehicle):
     says_places = True
+    late = 0.0
+    """s: its places come that late"""
 
     def places(self, hz: float, depth: int = 200) -> Any:
         return Places(super().places(hz, depth), self)
@@ -114,21 +116,26 @@ async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
         await asyncio.gather(*running, return_exceptions=True)
 
 
-async def test_without_places_it_holds_says_so_and_then_gives_the_vehicle_back(scene: Scene) -> None:
+@pytest.mark.parametrize(
+    ("says", "late", "words"), [(False, 0.0, "s ago where it is"), (True, 5.0, "s ago is heard only now")]
+)
+async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_back(
+    scene: Scene, says: bool, late: float, words: str
+) -> None:
     follower, quad = scene
     await quad.tell("follower", "follow", height=3.0)
     flight = follower.flight
     assert flight is not None
     await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
-    quad.says_places = False
+    quad.says_places, quad.late = says, late
     stopped = time.monotonic()
-    await until(lambda: any("s ago where it is" in text for text in follower.said), "it does not say so")
+    await until(lambda: any(words in text for text in follower.said), "it does not say so")
     await quad.wait_until(lambda s: s.mover != "stream", PATIENCE_S)
     assert not flight.done()
     await until(flight.done, "it waits for ever", PATIENCE_S)
     assert time.monotonic() - stopped > PATIENCE - 0.5, "by when the last place came"
     assert isinstance(flight.exception(), Stale)
-    assert "s ago where it is" in follower.said[-1]
+    assert words in follower.said[-1]
     await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)
 
 

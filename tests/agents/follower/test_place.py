@@ -28,7 +28,6 @@ def test_it_is_carried_on_until_it_is_old() -> None:
     assert here.at(1000.2) == pytest.approx((0.2, 0.0, -5.0))
     with pytest.raises(Stale, match=r"said 0\.6 s ago where it is"):
         here.check(1000.6, 10.3 + SILENT + 0.1)
-    assert here.silent(12.3) == pytest.approx(2.0)
 
 
 def test_a_place_that_comes_much_too_late_is_none() -> None:
