@@ -7,10 +7,12 @@ import contextlib
 import statistics
 import time
 from collections import deque
+from collections.abc import Callable, Coroutine
 from typing import Any, ClassVar
 
 import zmav
 from agents.follower.guide import Guide, TargetFix
+from agents.follower.place import HZ, Here
 from agents.follower.slot import Slot
 from agents.follower.tracker import Tracker
 from zmav import keys, wire
@@ -18,7 +20,6 @@ from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale
 from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
 from zmav.trust.gate import Origin
-from zmav.vehicle.vehicle import Place
 from zmav.verbs import Access, Verb
 from zmav.waiting import together
 
@@ -28,12 +29,12 @@ VALID = 0.4
 """s until a setpoint is flown no more, and the vehicle holds"""
 SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
-PLACES_HZ = 10.0
-"""at which the vehicle is asked where it is: as often as its helipad agent asks"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
 """of the smoothed time from the vehicle to us; s of it that are believed"""
+OFTEN = 3
+"""landings stopped by gusts from which on each one is told of as a warning"""
 DELAYS = 50
 """of which the median from shutter to setpoint is told"""
 
@@ -92,8 +93,9 @@ class Follower(FlyingAgent):
         self._sight = 0.0
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
-        self._here: Place | None = None
-        """where the vehicle said last that it is"""
+        self._here = Here(0.0)
+        self._placed = 0.0
+        """when it was known last where the vehicle is, or nothing at all was heard of it (s of the monotonic clock)"""
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
@@ -124,13 +126,14 @@ class Follower(FlyingAgent):
     async def on_land(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         guide, flight = self._flying(), self.flight
         assert flight is not None
-        guide.wanted = "land"
+        guide.land()
         while not (await asyncio.wait({flight}, timeout=0.2))[0]:
             if guide.wanted != "land":
-                raise Refused("it was told otherwise, or did not find the pad: it does not land", phase=guide.phase)
+                why = guide.why or "it was told otherwise"
+                raise Refused(f"it does not land: {why}", phase=guide.phase, called_off=guide.called_off)
         if (error := flight.exception()) is not None:
             raise error
-        return {"lost": guide.lost}
+        return {"lost": guide.lost, "called_off": guide.called_off}
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         self._flying()
@@ -149,7 +152,7 @@ class Follower(FlyingAgent):
     async def _fly(self, args: Follow, guide: Guide, started: Started) -> str:
         """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
         lost, fleet, me = asyncio.Event(), self.vehicle.fleet, self.vehicle.name
-        self._plane_told = self._heading = self._here = None
+        self._plane_told = self._heading = None
 
         def on_lost(who: str) -> None:
             self.say("slot", "warning", f"{who} keeps the place {SLOT} {args.target} since before us")
@@ -165,6 +168,8 @@ class Follower(FlyingAgent):
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
+                self._placed = time.monotonic()
+                self._here = Here(self._placed)
                 hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
                 try:
                     await self._follow(guide, lease, lost, hearing)
@@ -182,16 +187,21 @@ class Follower(FlyingAgent):
             return
         self.status("takeoff", f"to {guide.height:g} m")
         await self.vehicle.arm()
-        climbing = asyncio.create_task(self.vehicle.takeoff(guide.height))
+        await self._unless(lambda: guide.wanted == "hold" or lost.is_set(), self.vehicle.takeoff(guide.height))
+
+    async def _unless(self, otherwise: Callable[[], bool], order: Coroutine[Any, Any, None]) -> bool:
+        """Whether the vehicle did it; it holds instead where it is told ``otherwise`` meanwhile."""
+        doing = asyncio.create_task(order)
         try:
-            while not (await asyncio.wait({climbing}, timeout=0.1))[0]:
-                if guide.wanted == "hold" or lost.is_set():
+            while not (await asyncio.wait({doing}, timeout=0.1))[0]:
+                if otherwise():
                     await self.vehicle.hold()
-                    return
-            climbing.result()
+                    return False
+            doing.result()
+            return True
         finally:
-            climbing.cancel()
-            await asyncio.gather(climbing, return_exceptions=True)
+            doing.cancel()
+            await asyncio.gather(doing, return_exceptions=True)
 
     async def _see(self, guide: Guide) -> None:
         """Whatever is found in the vehicle's own pictures, wherever they are looked at."""
@@ -203,46 +213,71 @@ class Follower(FlyingAgent):
         async with self.z.subscribe(key, convert, depth=20) as sights:
             async for sight in sights:
                 guide.tracker.accel = self["accel"]
-                me = self._place()
+                me = self._here.at(time.time())
                 if me is not None and guide.see(time.time(), sight.t, sight.found, me, self._told(), self["score"]):
                     self._sight = sight.t
 
     async def _places(self, guide: Guide) -> None:
         """Where the vehicle is: more often than its states come, by the autopilot's own clock."""
-        async with self.vehicle.places(PLACES_HZ) as places:
+        async with self.vehicle.places(HZ) as places:
             async for place in places:
-                self._here = place
-                guide.drift.feed(place.t, time.monotonic(), place.pos, place.vel)
+                heard = time.monotonic()
+                if self._here.feed(place, heard):
+                    guide.drift.feed(place.t, heard, place.pos, place.vel)
 
     async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
-        said, due = "", time.monotonic()
+        said, stopped, due = "", 0, time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:
                 raise lease.lost
             if hearing.done():
                 hearing.result()
-            try:
-                state = self.vehicle.state
-            except Stale as e:  # the vehicle holds by itself
-                self.status(guide.phase, e.message, target=self.target)
-            else:
-                if state.local is not None and self._here is not None and self._step(guide, lease, state):
-                    self.status("land", "on the pad")
-                    await self.vehicle.land()
+            state = self._known(guide)
+            if state is not None and state.local is not None and self._step(guide, lease, state):
+                self.status("land", "on the pad")
+                if await self._unless(lambda: guide.wanted != "land", self.vehicle.land()):
                     return
             if guide.phase != said:
                 said = guide.phase
                 self.say("phase", "info", f"{said} {self.target}".strip(), phase=said)
+            if guide.called_off != stopped:
+                stopped = guide.called_off
+                if stopped >= OFTEN:
+                    self.say("landing", "warning", f"stopped {stopped} times by gusts near the pad: it tries again")
             due = max(due + TICK, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
         raise Refused("another one keeps the slot", target=self.target)
 
+    def _known(self, guide: Guide) -> wire.VehicleState | None:
+        """The state, where that and the vehicle's place can be relied on; else None, and the status says why: without
+        setpoints the vehicle holds by itself. Raises :class:`Stale` where it has been heard for :data:`PATIENCE`, but
+        not where it is.
+        """
+        now = time.monotonic()
+        try:
+            state = self.vehicle.state
+        except Stale as e:
+            self._placed, why = now, e.message
+        else:
+            try:
+                self._here.check(time.time(), now)
+            except Stale as e:
+                if now - self._placed > PATIENCE:
+                    raise
+                why = e.message
+            else:
+                self._placed = now
+                return state
+        self.status(guide.phase, why, target=self.target)
+        return None
+
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""
         self._hear(state)
-        now, me = time.time(), self._place()
-        assert me is not None and self._here is not None
-        command = guide.step(now, me, self._told(), self._plane(state), self._late, self._here.vel)
+        now, here = time.time(), self._here
+        me = here.at(now)
+        assert me is not None and here.last is not None
+        command = guide.step(now, me, self._told(), self._plane(state), self._late, here.last.vel, here.late(now))
         if self._heading is None and state.attitude is not None:
             self._heading = state.attitude.yaw
         with contextlib.suppress(NotHolder):  # said by lease.lost
@@ -260,14 +295,6 @@ class Follower(FlyingAgent):
         self._state_t = state.t
         since = self.vehicle.age or 0.0
         self._late += LATE_GAIN * (max(0.0, min(time.time() - since - state.t, MOST_LATE)) - self._late)
-
-    def _place(self) -> wire.Vector | None:
-        """Where the vehicle is now, carried on from when it said so."""
-        if self._here is None:
-            return None
-        age = max(0.0, min(time.time() - self._here.t, MOST_LATE))
-        north, east, down = (x + age * v for x, v in zip(self._here.pos, self._here.vel, strict=True))
-        return north, east, down
 
     def _told(self) -> TargetFix | None:
         """Where the target says that it is, where that is not old."""
@@ -293,6 +320,8 @@ class Follower(FlyingAgent):
     def _tell(self, guide: Guide, me: wire.Vector, now: float) -> None:
         estimate = guide.target(now)
         detail: dict[str, Any] = {"target": self.target, "height": guide.height, "lost": guide.lost}
+        if guide.wanted == "land":
+            detail["called_off"] = guide.called_off
         if estimate is not None and guide.tracker.t is not None:
             north, east = map(float, estimate.pos)
             detail |= {

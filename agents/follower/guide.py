@@ -46,13 +46,19 @@ FASTER, HARD = 2.0, 0.8
 bring it"""
 SINKS_LATE = 0.4
 """s that an autopilot takes to begin to sink, and to land at the end"""
-CALLED_OFF, LOW, STOPS, AGAIN = 1.25, 0.15, 0.6, 0.4
+CALLED_OFF, LOW, STOPS, AGAIN, RISEN = 1.25, 0.15, 0.6, 0.4, 0.1
 """times ``gate`` by which it would miss the pad's middle for it to rise again; m above the pad, and s of its sinking on
-top of them, below which it goes on down, as it would be on the deck before it rises; and m above ``BLIND`` to which it
-rises: there it sees the pad
+top of them, below which it goes on down, as it would be on the deck before it rises; m above ``BLIND`` to which it
+rises, because it sees the pad there; and m below that from which it goes down again
+"""
+WAITS = 60.0
+"""s of waiting in one landing after which it is given up: a gust is over by then, so it is the wind, or what is seen or
+flown is not good enough for this pad
 """
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
+GAP = 0.5
+"""s without a step from which on the last half metre is not gone on with: it was not flown meanwhile"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
 CLOSE, MOST, PULL = 1.0, 1.0, 0.6
@@ -105,6 +111,10 @@ class Guide:
     wanted: Literal["follow", "hold", "land"] = "follow"
     lost: int = 0
     """how often the target was lost after it had been tracked"""
+    called_off: int = 0
+    """how often it has risen again from the last half metre, in this landing or the last one"""
+    why: str = ""
+    """why it gave up what was wanted, and wants something else by itself"""
     seen_plane: float | None = None
     """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
@@ -118,12 +128,24 @@ class Guide:
     _angle: float = 0.0
     _level: float | None = None
     """m above the pad that is flown at now while descending or climbing"""
+    _rises: bool = False
+    """after a landing was called off, until it is back up at that level"""
+    _waited: float = 0.0
+    """s of this landing in which it did not go lower"""
     _before: float = 0.0
     _begun: tuple[float, float] | None = None
     _seen_at: tuple[float, float] | None = None
-    """m north, east: where it was lost"""
+    """m north, east: where it was lost; without our own drift, as :attr:`_told_off`"""
     _trim: tuple[float, float] = (0.0, 0.0)
     """m/s north, east: the integral of how far off it has been, against a steady wind"""
+
+    def land(self) -> None:
+        """Have it go down onto the pad. Where it waited too long for a calm moment it wants to follow again, and where
+        it looked for the pad too long, to hold; :attr:`why` says that.
+        """
+        if self.wanted != "land":
+            self.called_off, self._waited = 0, 0.0
+        self.wanted, self.why = "land", ""
 
     # What is seen.
 
@@ -189,10 +211,13 @@ class Guide:
         plane: float,
         late: float = 0.0,
         vel: Vector = (0.0, 0.0, 0.0),
+        old: float = 0.0,
     ) -> FollowCommand:
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
-        hears the command.
+        hears the command; ``old``: s by which what is known of ``me`` is late.
         """
+        if self._before and now - self._before > GAP and self.phase == "touch":
+            self.phase, self._since, self._level = "descend", now, None
         dt, self._before = (min(max(now - self._before, 0.0), 0.5) if self._before else 0.0), now
         if self.tracker.t is not None and self.tracker.t > now + AHEAD:  # the clock was set back
             self.tracker.forget()
@@ -212,11 +237,17 @@ class Guide:
             return self._look(now, dt, me, told, plane)
         estimate = self.target(now + self.tuned("lead") + late)
         assert estimate is not None
-        return self._above(estimate, dt, me, now, plane, late, vel)
+        return self._above(estimate, dt, me, now, plane, late, vel, old)
 
     def _turn(self, now: float, me: Vector, told: TargetFix | None, late: float) -> None:
         """To the phase that follows from what is known now; a sight comes as late as everything else."""
         before = self.phase
+        if self.wanted == "land" and self._waited > WAITS and before != "touch":
+            self.wanted = "follow"
+            self.why = (
+                f"it waited {self._waited:.0f} s over the pad, rose again {self.called_off} times, and was never near "
+                f"and calm enough to land: wait for less wind, or give it a wider gate"
+            )
         if self.wanted == "hold":
             self.phase = "hold"
         else:
@@ -232,12 +263,13 @@ class Guide:
             elif before != "search":
                 self.lost += before in ("track", "coast", "descend", "touch")
                 self.phase = "approach"
-                if seen is not None and (estimate := self.target(seen + self.tuned("coast"))) is not None:
+                if seen is not None and (estimate := self.tracker.at(seen + self.tuned("coast"))) is not None:
                     # Its own word, or two new sights, are better than a velocity that led to nothing.
                     self._seen_at = (float(estimate.pos[0]), float(estimate.pos[1]))
                     self.tracker.forget()
             elif now - self._since > self.tuned("search_seconds"):
                 self.wanted, self.phase = "hold", "hold"
+                self.why = f"it looked for the pad for {now - self._since:.0f} s and did not find it"
             if self.phase == "approach":
                 place = self._place(now, told)
                 if place is None or math.hypot(place[0] - me[0], place[1] - me[1]) < ARRIVED:
@@ -251,12 +283,12 @@ class Guide:
 
     def _place(self, now: float, told: TargetFix | None) -> tuple[float, float] | None:
         """Where to look: where it says that it is, by what that was wrong when it was seen; else where it was seen."""
+        drift = self.drift.at(now)
         if told is None:
-            return self._seen_at
+            return None if self._seen_at is None else (self._seen_at[0] + drift[0], self._seen_at[1] + drift[1])
         north, east = told.at(now)
         if self._told_off is None:
             return north, east
-        drift = self.drift.at(now)
         return north + self._told_off[0] + drift[0], east + self._told_off[1] + drift[1]
 
     def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> FollowCommand:
@@ -282,21 +314,28 @@ class Guide:
         return self._begun
 
     def _above(
-        self, estimate: TargetEstimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
+        self,
+        estimate: TargetEstimate,
+        dt: float,
+        me: Vector,
+        now: float,
+        plane: float,
+        late: float,
+        vel: Vector,
+        old: float,
     ) -> FollowCommand:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
         here = self.target(now)
         assert here is not None
         behind = (float(here.pos[0]) - me[0], float(here.pos[1]) - me[1])
+        u, v = _bounded((u, v), self.tuned("speed"))
         slower = (u - vel[0], v - vel[1])
         level, down = self.height, 0.0
         if self.phase in ("descend", "touch"):
             level, down = self._go_down(behind, slower, dt, plane - me[2], vel[2], now, late)
-        speed = math.hypot(u, v)
-        if speed > (most := self.tuned("speed")):
-            u, v = u * most / speed, v * most / speed
-        more = self._against(behind, slower, dt, late)
+            self._waited += dt if down == 0.0 else 0.0
+        more = self._against(behind, slower, dt, max(late, old))
         land = self.phase == "touch" and (
             (plane - me[2] < TOUCH + 0.1 and level < TOUCH) or now - self._since > TOUCHING
         )
@@ -325,9 +364,14 @@ class Guide:
         if self.phase == "descend" and fresh and self._level <= BLIND and max(off, misses) < gate:
             self.phase, self._since = "touch", now
         elif self.phase == "touch" and above > LOW + STOPS * sinks and misses > CALLED_OFF * gate:
-            self.phase, self._since, self._level = "descend", now, BLIND + AGAIN
+            self.phase, self._since, self._rises = "descend", now, True
+            self._level = min(BLIND + AGAIN, max(self.height, BLIND))
+            self.called_off += 1
         if self.phase == "descend" and not fresh:  # from higher up it sees more
-            self._level = min(self._level + sink * dt, self.height)
+            self._level = max(self._level, min(self._level + sink * dt, self.height))
+            return self._level, 0.0
+        self._rises = self._rises and above < self._level - RISEN
+        if self._rises:
             return self._level, 0.0
         if self.phase == "descend" and off >= max(gate, 0.12 * self._level):
             return self._level, 0.0
@@ -340,7 +384,7 @@ class Guide:
     ) -> tuple[float, float]:
         """m/s north, east that are added to the velocity against gusts. An autopilot takes about a second over a
         metre; shares of how far off it is and of how much ``slower`` it is than the target, and the integral of the
-        distance, make that stiffer. All end where they are heard late.
+        distance, make that stiffer. All end where they are heard late, or of a place that is: ``late``.
         """
         share = max(0.0, 1.0 - late / TOO_LATE)
         if math.hypot(*behind) < CLOSE:

@@ -320,6 +320,8 @@ class Helipad(zmav.Agent):
     async def _turns(self) -> None:
         async with self.vehicle.stream("ATTITUDE", depth=100, hz=ATTITUDE_HZ) as attitudes:
             async for message in attitudes:
+                if not self.vehicle.is_autopilot(message.sysid, message.compid):
+                    continue  # on a shared radio others are heard, too
                 fields = message.fields
                 with contextlib.suppress(TypeError, KeyError):
                     turns = float(fields["roll"]), float(fields["pitch"]), float(fields["yaw"])

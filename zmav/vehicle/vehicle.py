@@ -170,19 +170,29 @@ class Vehicle:
         return self._client.subscribe(key, convert, depth, token=want_key(key, hz) if hz is not None else "")
 
     def places(self, hz: float, depth: int = 200) -> Subscription[Place]:
-        """Where it is, ``hz`` times a second: between its states, too. As :meth:`stream`."""
+        """Where it is, ``hz`` times a second: between its states, too. As :meth:`stream`, but only what its autopilot
+        says: of others on its link, it would be their place.
+        """
         dialect = self._client.dialect
 
         def convert(sample: zenoh.Sample) -> Place:
-            fields, state = decode(parse_frame(sample.payload.to_bytes(), dialect), dialect), self.last_state
+            frame, state = parse_frame(sample.payload.to_bytes(), dialect), self.last_state
             if state is None or state.local is None or state.position is None:
                 raise BadInput(f"{self.name} has not said where it is", field="position")
+            if not self.is_autopilot(frame.sysid, frame.compid):
+                raise BadInput(f"that is where {frame.sysid}/{frame.compid} is, not {self.name}", field="sysid")
+            fields = decode(frame, dialect)
             vx, vy, vz = (float(fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
             pos = geo.in_fleet_frame(state.position, state.local, fields)
             return Place(self.time_of(fields), pos, (vx, vy, vz))
 
         key = keys.RX.key(self._within, self.name, sys="*", comp="*", msg="GLOBAL_POSITION_INT")
         return self._client.subscribe(key, convert, depth, token=want_key(key, hz))
+
+    def is_autopilot(self, sysid: int, compid: int) -> bool:
+        """Whether that MAVLink address is its autopilot's, as its state says: others may be on its link."""
+        state = self.last_state
+        return state is not None and (state.sysid, state.compid) == (sysid, compid)
 
     def time_of(self, fields: Mapping[str, Any]) -> float:
         """UTC s of a message's ``time_boot_ms`` by the vehicle's clock; now, where that is not known or no real one."""

@@ -74,6 +74,20 @@ def test_a_lost_target_is_looked_for_where_it_is_although_its_own_place_wanders(
     assert world.off[-1] < 1.5
 
 
+def test_a_target_that_says_nothing_is_looked_for_where_it_was_seen_although_its_own_place_wanders() -> None:
+    world = World(lambda t: (0.0, 0.0))
+    world.told = False
+    world.run(12.0)
+    assert world.phases[-1] == "track"
+    world.hidden = lambda t: True
+    world.run(10.0, lambda world: world.guide.phase == "search")
+    lost = world.t
+    world.wander = lambda t: (0.0, min(max(t - lost, 0.0), 4.0))
+    world.run(4.5)
+    assert world.phases[-1] == "search"
+    assert world.off[-1] < 2.0
+
+
 def test_the_way_there_is_no_search() -> None:
     world = World(lambda t: (60.0, 0.0))
     world.hidden, world.more, world.score = lambda t: True, lambda t: [(61.0, 0.0)], 0.4
@@ -243,9 +257,21 @@ def test_hold_stays_where_it_was_told_and_goes_on_when_asked() -> None:
 def test_what_it_flies_faster_than_the_target_is_taken_from_the_velocity() -> None:
     world = World(lambda t: (0.0, 0.0)).run(15.0)
     before = world.command.vel[1]
-    world.vel[1] = 0.5
-    world.step()
+    for _ in range(3):  # until it has heard that of itself
+        world.vel[1] = 0.5
+        world.step()
     assert before - world.command.vel[1] > 0.8 * 0.5 * world.tuned["damp"]
+
+
+def test_beside_a_target_that_is_faster_than_it_may_fly_it_is_not_pulled_to_its_speed() -> None:
+    """``damp`` is of how much slower it is than what it may fly, not than the target."""
+    world = World(lambda t: (1.5 * t, 0.0)).run(25.0)
+    assert world.phases[-1] == "track"
+    world.tuned["speed"], world.tuned["stiff"], world.tuned["trim"] = 0.5, 0.0, 0.0
+    world.run(0.6)
+    assert world.phases[-1] == "track"
+    assert world.vel[0] > 0.5
+    assert world.command.vel[0] <= 0.5
 
 
 def test_sights_of_the_future_of_another_place_or_nonsense_change_nothing() -> None:
@@ -291,7 +317,7 @@ def test_a_height_that_was_told_wrong_is_made_up_for_by_what_is_seen(wrong: floa
     world.plane = DECK + wrong
     world.run(15.0)
     assert DECK - world.pos[2] == pytest.approx(5.0, abs=0.2)
-    world.guide.wanted = "land"
+    world.guide.land()
     world.run(60.0, lambda world: world.command.land)
     assert world.command.land
     assert 0.0 < DECK - world.pos[2] < 0.6

@@ -10,6 +10,9 @@ import numpy as np
 
 from agents.follower.agent import Follower
 from agents.follower.guide import FollowCommand, Guide, TargetFix
+from agents.follower.place import Here
+from zmav.errors import Stale
+from zmav.vehicle.vehicle import Place as Said
 from zmav.wire import Detection
 
 TICK, LAG = 0.05, 0.35
@@ -38,6 +41,12 @@ class World:
         """m north, east by which it takes itself to be beside where it is"""
         self.push, self.late, self.score = 0.0, 0.0, 0.8
         """m/s that the wind takes from what it flies north; s until a command is said to be heard; of each sight"""
+        self.place_late: Callable[[float], float] = lambda t: 0.02
+        """s until it is heard what it says of its place at that time, ten times a second"""
+        self.here = Here(0.0)
+        self.said: list[tuple[float, Said]] = []
+        self.old_places = 0
+        """steps at which nothing was flown, because its place was old"""
         self.due: deque[tuple[float, float, list[Detection]]] = deque()
         self.off: list[float] = []
         self.phases: list[str] = []
@@ -70,20 +79,37 @@ class World:
         while self.due and self.due[0][0] <= self.t:
             _, taken, found = self.due.popleft()
             self.guide.see(self.t, taken, found, self.me, self.word(), 0.3)
-        me = self.me
-        vel = (float(self.vel[0]), float(self.vel[1]), float(self.vel[2]))
-        if self.frame % 4 == 0:  # five states a second
-            self.guide.drift.feed(self.t, self.t, me, vel)
-        self.command = self.guide.step(self.t, me, self.word(), self.plane, self.late, vel)
-        # It flies to where the place that moves was a little ago: see docs/vision.md.
-        aim = np.array(self.command.pos) - LAG * np.array(self.command.vel)
-        want = np.array(self.command.vel) + np.clip(1.2 * (aim - me), -4.0, 4.0)
+        self.hear()
+        want = np.zeros(3)
+        try:
+            last = self.here.check(self.t, self.t)
+        except Stale:  # without a setpoint it holds
+            self.old_places += 1
+        else:
+            me = self.here.at(self.t)
+            assert me is not None
+            old = self.here.late(self.t)
+            self.command = self.guide.step(self.t, me, self.word(), self.plane, self.late, last.vel, old)
+            # It flies to where the place that moves was a little ago: see docs/vision.md.
+            aim = np.array(self.command.pos) - LAG * np.array(self.command.vel)
+            want = np.array(self.command.vel) + np.clip(1.2 * (aim - self.me), -4.0, 4.0)
         want[0] -= self.push
         self.vel += np.clip((want - self.vel) / 0.25, -5.0, 5.0) * TICK
         self.pos += self.vel * TICK
         self.off.append(math.dist(self.pos[:2], self.target(self.t)))
         if not self.phases or self.phases[-1] != self.guide.phase:
             self.phases.append(self.guide.phase)
+
+    def hear(self) -> None:
+        """Its places, as they come: one may overtake another."""
+        if self.frame % 2 == 1:
+            vel = (float(self.vel[0]), float(self.vel[1]), float(self.vel[2]))
+            self.said.append((self.t + self.place_late(self.t), Said(self.t, self.me, vel)))
+        self.said.sort(key=lambda each: each[0])
+        while self.said and self.said[0][0] <= self.t + 1e-9:
+            _, said = self.said.pop(0)
+            if self.here.feed(said, self.t):
+                self.guide.drift.feed(said.t, self.t, said.pos, said.vel)
 
     def picture(self) -> list[Detection]:
         """All pads in a view of 63 by 49 degrees, a little noise on each."""

@@ -1,0 +1,166 @@
+"""The agent itself above a pad that a test says is seen: its places stop, its landing is ended."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+
+import zmav
+from agents.follower.agent import Follower, FollowerSettings
+from tests.waiting import until
+from zmav import keys, wire
+from zmav.errors import Refused, Stale
+from zmav.flying import PATIENCE
+from zmav.sim import VehicleSpec, World
+from zmav.subscription import Subscription
+from zmav.vehicle.vehicle import Place
+
+if TYPE_CHECKING:
+    from tests.conftest import Net, StartOnboard
+
+PATIENCE_S = 60.0
+ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
+
+
+class Places:
+    """Those of a vehicle, as long as they are heard."""
+
+    def __init__(self, said: Subscription[Place], quad: Quad) -> None:
+        self._said, self._quad = said, quad
+
+    async def __aenter__(self) -> Places:
+        await self._said.__aenter__()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self._said.__aexit__(*error)
+
+    async def __aiter__(self) -> AsyncIterator[Place]:
+        async for place in self._said:
+            if self._quad.says_places:
+                yield place._replace(t=place.t - self._quad.late)
+
+
+class Quad(zmav.Vehicle):
+    says_places = True
+    late = 0.0
+    """s: its places come that late"""
+
+    def places(self, hz: float, depth: int = 200) -> Any:
+        return Places(super().places(hz, depth), self)
+
+
+class Noted(Follower):
+    """Its status is looked at."""
+
+    def __init__(self, *args: Any) -> None:
+        self.said: list[str] = []
+        super().__init__(*args)
+
+    def status(self, state: str, text: str = "", **detail: Any) -> None:
+        self.said.append(text)
+        super().status(state, text, **detail)
+
+
+class Scene(NamedTuple):
+    follower: Noted
+    quad: Quad
+
+    @property
+    def phase(self) -> str:
+        return self.follower.guide.phase if self.follower.guide is not None else ""
+
+
+@pytest.fixture
+async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
+    async with contextlib.AsyncExitStack() as stack:
+        world = stack.enter_context(World([VehicleSpec(name="quad1")], endpoint="tcp:0", ready_s=0.5))
+        session, endpoint = net.router()
+        await onboard(session, world.urls[0], name="quad1", origin=ORIGIN)
+        z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
+        (quad,) = await z.wait_for("quad1", timeout=PATIENCE_S)
+        await quad.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
+        follower = Noted(z, "quad1", FollowerSettings())
+        follower.vehicle = quad = Quad(z, "quad1", "demo")
+        await stack.enter_async_context(follower)
+
+        async def see() -> None:
+            """A pad, north of where it stands and so high up that the last landing of all takes seconds."""
+            key = keys.DETECTION.key("demo", "quad1", camera="down")
+            place = (1.0, 0.0, quad.local[2] - 3.0)
+            pad = wire.Detection(symbol="H", u=0.0, v=0.0, scale_px=20.0, heading=0.0, score=0.9, pos=place)
+            for seq in range(10_000):
+                sight = wire.Detections(
+                    t=time.time(),
+                    camera="down",
+                    seq=seq,
+                    width=640,
+                    height=480,
+                    detector="test",
+                    took=0.0,
+                    delay=0.0,
+                    found=[pad],
+                )
+                z.put(keys.DETECTION, key, sight)
+                await asyncio.sleep(0.1)
+
+        running = [asyncio.create_task(each) for each in (follower.run(), see())]
+        yield Scene(follower, quad)
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+@pytest.mark.parametrize(
+    ("says", "late", "words"), [(False, 0.0, "s ago where it is"), (True, 5.0, "s ago is heard only now")]
+)
+async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_back(
+    scene: Scene, says: bool, late: float, words: str
+) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=3.0)
+    flight = follower.flight
+    assert flight is not None
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    quad.says_places, quad.late = says, late
+    stopped = time.monotonic()
+    await until(lambda: any(words in text for text in follower.said), "it does not say so")
+    await quad.wait_until(lambda s: s.mover != "stream", PATIENCE_S)
+    assert not flight.done()
+    await until(flight.done, "it waits for ever", PATIENCE_S)
+    assert time.monotonic() - stopped > PATIENCE - 0.5, "by when the last place came"
+    assert isinstance(flight.exception(), Stale)
+    assert words in follower.said[-1]
+    await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)
+
+
+async def test_a_vehicle_that_never_says_where_it_is_is_not_flown(scene: Scene) -> None:
+    follower, quad = scene
+    quad.says_places = False
+    await quad.tell("follower", "follow", height=2.0)
+    flight = follower.flight
+    assert flight is not None
+    await until(flight.done, "it waits for ever", PATIENCE_S)
+    assert isinstance(flight.exception(), Stale)
+    assert "no GLOBAL_POSITION_INT of its autopilot has come" in follower.said[-1]
+    assert quad.state.setpoints.get("flown", 0) == 0
+
+
+async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene: Scene) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=2.0)
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    landing = asyncio.create_task(quad.tell("follower", "land"))
+    await until(lambda: "on the pad" in follower.said, "it does not land", PATIENCE_S)
+    await quad.tell("follower", "hold")
+    with pytest.raises(Refused, match="it does not land: it was told otherwise"):
+        await landing
+    await until(lambda: scene.phase == "hold", "it goes on landing")
+    assert quad.state.armed
+    assert follower.flying
+    assert follower.said[-1].startswith("hold")
