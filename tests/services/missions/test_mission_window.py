@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 
 from tests.services.conftest import Told
@@ -86,6 +88,67 @@ async def test_only_what_may_be_refused_is_sent_one_by_one(mission_bench: Missio
     assert peer.stored() == raw(waypoints(2))
 
 
+async def test_an_item_that_is_asked_for_again_late_is_not_the_one_refused(mission_bench: MissionBench) -> None:
+    """A doubled request, or a delayed one: the upload begins again no second time for it."""
+    b, peer = await mission_bench("ardupilot")
+    peer.load(MISSION, raw(waypoints(2)))
+    peer.refuses = {6: INVALID}
+    take = peer.on_mission_item_int
+
+    def ask_again(told: Told) -> None:
+        if told.fields["seq"] == 6 and peer.upload and peer.upload["next"] == 6:
+            peer.send(peer.asks, target_system=told.source[0], target_component=told.source[1], seq=5)
+        take(told)
+
+    peer.on_mission_item_int = ask_again  # type: ignore[method-assign]
+    with pytest.raises(Refused, match=r"refused item 5 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID") as caught:
+        await b.ground.do("mission_upload", items=waypoints(12))
+    assert (caught.value.detail["item"], caught.value.detail["in_force"]) == (5, "old")
+    assert [told.fields["count"] for told in peer.heard("MISSION_COUNT")] == [13, 13, 3]
+    assert peer.stored() == raw(waypoints(2))
+
+
+async def test_an_item_that_was_sent_alone_again_is_not_the_one_refused(mission_bench: MissionBench) -> None:
+    """Of those behind it one had come before, and is refused; the request for it is lost."""
+    b, peer = await mission_bench("ardupilot", pace=TransferTimes(reply=0.1, shortest=0.1, longest=0.15))
+    peer.load(MISSION, raw(waypoints(2)))
+    peer.refuses = {6: INVALID}
+    ask, take, held, first = peer.ask, peer.on_mission_item_int, list[Told](), list[Told]()
+
+    def lose() -> None:
+        if peer.upload and peer.upload["next"] >= 6 and len(peer.heard("MISSION_COUNT")) == 1:
+            return
+        ask()
+
+    async def insist(told: Told) -> None:
+        while len(first) < 2:
+            peer.send(peer.asks, target_system=told.source[0], target_component=told.source[1], seq=5)
+            await asyncio.sleep(0.03)
+
+    def delay(told: Told) -> None:
+        """The first item 5 is lost, and what came behind it comes behind the second."""
+        seq = told.fields["seq"]
+        if len(peer.heard("MISSION_COUNT")) > 1 or seq < 5:
+            take(told)
+        elif seq > 5:
+            held.append(told)
+        elif not first:
+            first.append(told)
+            asking.append(asyncio.create_task(insist(told)))
+        else:
+            first.append(told)
+            for each in (told, *held):
+                take(each)
+
+    asking: list[asyncio.Task[None]] = []
+    peer.ask, peer.on_mission_item_int = lose, delay  # type: ignore[method-assign]
+    with pytest.raises(Refused, match=r"refused item 5 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID") as caught:
+        await b.ground.do("mission_upload", items=waypoints(12))
+    assert (caught.value.detail["item"], caught.value.detail["in_force"]) == (5, "old")
+    assert peer.stored() == raw(waypoints(2))
+    await asyncio.gather(*asking)
+
+
 @pytest.mark.parametrize("result", [DENIED, CANCELLED])
 async def test_what_refuses_no_item_is_not_asked_which_it_is(mission_bench: MissionBench, result: int) -> None:
     b, peer = await mission_bench("ardupilot")
@@ -93,10 +156,11 @@ async def test_what_refuses_no_item_is_not_asked_which_it_is(mission_bench: Miss
     peer.refuses = {6: result}
     ask = peer.ask
     peer.ask = lambda: None if peer.upload and peer.upload["next"] >= 5 else ask()  # type: ignore[method-assign]
-    with pytest.raises(Refused) as caught:
+    with pytest.raises(Refused, match="the autopilot refused the mission: ") as caught:
         await b.ground.do("mission_upload", items=waypoints(12))
     name = {DENIED: "MAV_MISSION_DENIED", CANCELLED: "MAV_MISSION_OPERATION_CANCELLED"}[result]
     assert (caught.value.detail["result"], caught.value.detail["in_force"]) == (name, "old")
+    assert caught.value.detail["item"] is None
     assert [told.fields["count"] for told in peer.heard("MISSION_COUNT")] == [13, 3]
     assert peer.stored() == raw(waypoints(2))
 

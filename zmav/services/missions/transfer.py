@@ -11,7 +11,6 @@ is sent what was heard. Only where nothing came in time the event loop sends it 
 from __future__ import annotations
 
 import asyncio
-import functools
 import struct
 import threading
 import time
@@ -47,11 +46,13 @@ COUNT = -1
 """stands before item 0: the answer to MISSION_COUNT is the request for that"""
 NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
 OF_ALL = (MissionResult.DENIED, MissionResult.OPERATION_CANCELLED)
-"""what refuses the upload, and not an item of it"""
+"""what refuses the transaction, and not an item of it"""
 
 
 class _Sent:
-    """What of a plan was sent, by item (COUNT: how many there are), and the last item that was ``asked`` for."""
+    """What of a plan was sent, by item (COUNT: how many there are), and the last item of the plan that was ``asked``
+    for: a request for one before it may come late, or twice.
+    """
 
     def __init__(self) -> None:
         self._items: dict[int, tuple[float, int]] = {}
@@ -63,6 +64,11 @@ class _Sent:
     def times(self, seq: int) -> tuple[float, int]:
         """When it was last sent, and how often."""
         return self._items.get(seq, (0.0, 0))
+
+    @property
+    def last(self) -> int:
+        """The last item of the plan that was sent."""
+        return max(self._items)
 
     def all(self, count: int) -> bool:
         """All ``count`` items were sent."""
@@ -141,12 +147,11 @@ class Transfer:
         Raises :class:`Refused` or :class:`Unsupported` with the result and the item, or :class:`TimedOut`: what the
         autopilot then holds is not known.
         """
-        alone = len(items)
-        while True:  # "alone" comes nearer each time
-            try:
-                return await self._patiently(UPLOAD, functools.partial(self._upload, items, step, alone))
-            except _OneOfMany as e:
-                alone = e.first
+        try:
+            return await self._patiently(UPLOAD, lambda: self._upload(items, step, len(items)))
+        except _OneOfMany as e:
+            first = e.first
+        return await self._patiently(UPLOAD, lambda: self._upload(items, step, first))
 
     async def download(self, step: Step) -> Download:
         """Read the whole plan; begun again where it changes meanwhile. Raises as :meth:`upload` does."""
@@ -154,7 +159,7 @@ class Transfer:
             found = await self._patiently(DOWNLOAD, lambda: self._download(step))
             if found is not None:
                 return found
-        raise self._keeps_changing()
+        raise Refused(f"the {self._words} keep changing while they are read", vehicle=self._port.name)
 
     async def clear(self) -> None:
         """Remove every item. Raises as :meth:`upload` does."""
@@ -217,7 +222,10 @@ class Transfer:
         return name, {**fields, "opaque_id": opaque_ids(frame, name)[0]} if name in OPAQUE_ID else fields
 
     def _upload(self, items: Sequence[Raw], step: Step, alone: int) -> Waits[Ended]:
-        """From item ``alone`` on each is sent when it is asked for, and none before."""
+        """From item ``alone`` on each is sent when it is asked for, and none before.
+
+        Raises :class:`_OneOfMany` where ``alone`` is behind the last item, and no second time.
+        """
         count, sent, complaints = len(items), _Sent(), 0
         last, tries = -1, 1
         unsent = 0  # the first item that was not sent yet, or that is to be sent again
@@ -231,14 +239,14 @@ class Transfer:
             if heard is not None and heard[0] == "MISSION_ACK":
                 complaints += heard[1]["type"] not in NO_COMPLAINT
                 if last >= 0 or heard[1]["type"] != MissionResult.ERROR or complaints >= COMPLAINTS:
-                    ended = self._judge(heard[1], sent, last, count)
+                    ended = self._judge(heard[1], sent, count)
                     if isinstance(ended, Ended):
                         return ended
-                    if ended is not None and (unsent <= last + 1 or heard[1]["type"] in OF_ALL):
+                    if ended is not None and (sent.last <= sent.asked or alone < count or heard[1]["type"] in OF_ALL):
                         raise ended
                     if ended is not None:  # it is of an item behind that one, where the request for it was lost
                         yield from self._quiet(4 * self._window)
-                        raise _OneOfMany(last)
+                        raise _OneOfMany(sent.asked)
             elif heard is not None and heard[1]["seq"] < count:
                 seq = heard[1]["seq"]
                 again = seq <= last
@@ -266,22 +274,22 @@ class Transfer:
             f"upload of the {self._words}: the autopilot does not go on after {what}", vehicle=self._port.name
         )
 
-    def _judge(self, ack: Mapping[str, Any], sent: _Sent, last: int, count: int) -> Ended | VehicleError | None:
-        """What a MISSION_ACK says of an upload: its end, a refusal of item ``last``, or None, nothing."""
+    def _judge(self, ack: Mapping[str, Any], sent: _Sent, count: int) -> Ended | VehicleError | None:
+        """What a MISSION_ACK says of an upload: its end, a refusal of the item asked for last, or None, nothing."""
         result = ack["type"]
         if result == MissionResult.ACCEPTED:
             if sent.whole(count):
                 return Ended(ack["opaque_id"], sure=True)
             # It came before the request for the last item, or that was lost. But where not even one item was gone on
             # from, though a short plan is sent by then, it may be a late one, of some transaction before.
-            return Ended(None, sure=False) if sent.all(count) and last > 0 else None
+            return Ended(None, sure=False) if sent.all(count) and sent.asked > 0 else None
         if result == MissionResult.INVALID_SEQUENCE:
             return None  # an item came twice, or before one that was lost; ArduPilot says so and goes on
-        if result == MissionResult.DENIED and last < 0:
+        if result == MissionResult.DENIED and sent.asked < 0:
             raise Busy
         if sent.all(count) and sent.times(count - 1)[1] > 1 and result == MissionResult.ERROR:
             return Ended(None, sure=False)  # what it does not want is the repeated last item: it had the first
-        return self._refusal(result, last if last >= 0 else None)
+        return self._refusal(result, sent.asked if sent.asked >= 0 else None)
 
     def _quiet(self, most: int) -> Waits[None]:
         """Let what is still on its way come, ``most`` messages of it: it is no answer to the next transaction."""
@@ -389,10 +397,8 @@ class Transfer:
         if tries == 1:
             self._trip.sample(time.monotonic() - asked)
 
-    def _keeps_changing(self) -> Refused:
-        return Refused(f"the {self._words} keep changing while they are read", vehicle=self._port.name)
-
     def _refusal(self, result: int, item: int | None) -> Refused | Unsupported:
+        item = None if result in OF_ALL else item
         name = self._port.dialect.enum_name("MAV_MISSION_RESULT", result) or str(result)
         kind = Unsupported if result == MissionResult.UNSUPPORTED and item is None else Refused
         return kind(name, vehicle=self._port.name, result=name, seq=item, plan=self._kind)
