@@ -88,7 +88,7 @@ class FtpReader:
             packet = await self._talk.receive(max(QUIET, self._talk.patience) if came else self._talk.patience)
             if packet is None:
                 break
-            if packet.req_opcode != Op.BURST_READ_FILE:
+            if packet.req_opcode != Op.BURST_READ_FILE or packet.session != self._talk.session:
                 continue
             ours = 0 < (packet.seq - asked) & 0xFFFF < 1 << 15
             if packet.nak is None:
@@ -212,7 +212,8 @@ class Ftp:
     ) -> tuple[S, TransferMeter]:
         """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for. ``size`` is the
         server's word, and more than there is of a file that is made as it is read. ``busy``: refusals after which it
-        is tried again for a while. ``give_up``: s of silence after which it is, where that is sooner than usual.
+        is tried again for a while. ``give_up``: s without a packet of the server's after which it is given up, where
+        that is sooner than usual.
         """
         raw = check_path(path)
         async with self._talk(f"getting {path}", report, give_up) as talk:

@@ -48,11 +48,12 @@ class Talk:
     ``session``: the number we ask with until the server names its own. ArduPilot lets the client choose, and closes by
     ResetSessions only the session of that number, so ours is not a ground station's. ``seq``: the last sequence number
     of the conversation before: a server takes a request with the number it answered last for a repetition of that.
-    ``most``: seconds without an answer after which any request is given up, though it may ask for more.
+    ``most``: seconds without a packet for us after which nothing more is waited for.
     """
 
     def __init__(self, port: Port, target: tuple[int, int], session: int, seq: int = 0, most: float = math.inf) -> None:
         self._port, self._target, self._most = port, target, most
+        self._heard = time.monotonic()
         self.session = session
         self.seq = seq
         self._trip = RoundTrip(1.0, SHORTEST, LONGEST)
@@ -71,13 +72,19 @@ class Talk:
         return self._trip.timeout
 
     async def receive(self, timeout: float) -> Packet | None:
-        """The next packet that is for us; None when none came within ``timeout`` seconds."""
-        until = time.monotonic() + timeout
+        """The next packet that is for us; None when none came within ``timeout`` seconds.
+
+        Raises :class:`TimedOut` when none has come for ``most`` seconds.
+        """
+        until = min(time.monotonic() + timeout, self._heard + self._most)
         while (frame := await self._mail.frame(until - time.monotonic())) is not None:
             payload = frame.payload
             to = payload[1:3].ljust(2, b"\0")
             if (to[0], to[1]) in ((0, 0), self._port.address):
+                self._heard = time.monotonic()
                 return unpack(payload[3:])
+        if time.monotonic() >= self._heard + self._most:
+            raise TimedOut(f"no answer to file requests within {self._most:g} s", vehicle=self._port.name)
         return None
 
     # Out.
@@ -104,7 +111,6 @@ class Talk:
 
         Raises :class:`TimedOut` after ``give_up`` seconds.
         """
-        give_up = min(give_up, self._most)
         began = sent = time.monotonic()
         seq, wait, again = self.send(op, data, offset=offset, size=size), self.patience, False
         while (now := time.monotonic()) < began + give_up:
@@ -128,7 +134,7 @@ class Talk:
         """
         flying: list[PendingJob] = []
         by_seq: dict[int, PendingJob] = {}
-        heard, give_up = time.monotonic(), min(GIVE_UP, self._most)
+        heard = time.monotonic()
         while True:
             while len(flying) < IN_FLIGHT and (job := next(jobs, None)) is not None:
                 flying.append(PendingJob(job))
@@ -138,8 +144,8 @@ class Talk:
             oldest = min(flying, key=lambda flight: flight.sent)
             answer = await self.receive(oldest.sent + self.patience - time.monotonic())
             if answer is None:
-                if time.monotonic() - heard > give_up:
-                    raise TimedOut(f"no answer to {op.name} within {give_up:.0f} s", vehicle=self._port.name)
+                if time.monotonic() - heard > GIVE_UP:
+                    raise TimedOut(f"no answer to {op.name} within {GIVE_UP:.0f} s", vehicle=self._port.name)
                 self._launch(op, oldest, by_seq)
                 continue
             flight = by_seq.get((answer.seq - 1) & 0xFFFF)
