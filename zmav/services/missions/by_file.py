@@ -75,7 +75,8 @@ class PlanFile:
 class FileTransfer(Transfer):
     """A :class:`Transfer` that downloads by the plan's file, and as that does where the file cannot be had.
 
-    ``shut`` is called where there is no such file, and never will be.
+    ``may``: whether files are to be asked for at this moment. ``shut`` is called where there is no such file, and never
+    will be.
     """
 
     def __init__(
@@ -86,27 +87,28 @@ class FileTransfer(Transfer):
         times: TransferTimes,
         window: int,
         ftp: Ftp,
+        may: Callable[[], bool],
         shut: Callable[[], object],
     ) -> None:
         super().__init__(port, source, kind, times, window)
-        self._ftp, self._shut = ftp, shut
+        self._ftp, self._may, self._shut = ftp, may, shut
         self._given_up = False
-        """there is no such file, or nobody answers: this transfer asks for it no second time"""
+        """there is no such file, or none of a plan, or nobody answers: this transfer asks for it no second time"""
 
     async def download(self, step: Step) -> Download:
-        for _ in range(3):
-            told: list[int | None] = []
+        for _ in range(2):
+            before, after = await self._patiently(DOWNLOAD, self._count), None
+            told: list[int | None] = []  # what was told before that count is no news
             with listening(self._port, self._source, OTHERS, functools.partial(self._note_other, told)):
-                before, after = await self._patiently(DOWNLOAD, self._count), None
                 items = await self._read(step)
                 if items is not None:
                     with contextlib.suppress(Busy):  # it is read again when whoever writes it is through
                         after = await self._run(DOWNLOAD, self._count())
             if items is None or any(count != before[0] for count in told):
-                return await super().download(step)
+                break
             if after == before and before[0] == len(items):
                 return Download(items, before[1])
-        raise self._keeps_changing()
+        return await super().download(step)
 
     def _note_other(self, told: list[int | None], frame: Frame) -> None:
         """In the link's thread: how many items another client was told of, and None where its upload was accepted."""
@@ -118,7 +120,7 @@ class FileTransfer(Transfer):
 
     async def _read(self, step: Step) -> list[Raw] | None:
         """The items of the file, home included; None: not now, or never."""
-        if self._given_up or not self._ftp.idle:
+        if self._given_up or not self._may() or not self._ftp.idle:
             return None  # a file or a log may be minutes on its way
         path = PATH.format(self._kind)
         file = PlanFile(self._kind, self._port.dialect, step)
@@ -128,8 +130,7 @@ class FileTransfer(Transfer):
         except (BadMessage, Refused, Stale, TimedOut) as e:
             logger.debug("%s: the %s by the mission protocol: %s", self._port.name, WORDS[self._kind], e.message)
             missing = e.detail.get("nak") == Nak.FILE_NOT_FOUND.name and "path" in e.detail  # to read it names none
-            if missing or e.detail.get("field") == "header":  # anything else may pass
+            if missing:  # anything else may pass
                 self._shut()
-                self._given_up = True
-            self._given_up |= isinstance(e, TimedOut)
+            self._given_up |= missing or isinstance(e, TimedOut) or e.detail.get("field") == "header"
             return None

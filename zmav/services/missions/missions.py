@@ -245,8 +245,9 @@ class Missions:
     def _transfer(self, kind: MissionKind) -> Transfer:
         rules, plan = self._do.autopilot().missions, (self._owner(), kind)
         given = self._port, self._do.source(), kind, self.pace, rules.window
-        if kind in rules.files and plan not in self._no_file and self._identity.armed is False:
-            return FileTransfer(*given, self._ftp, lambda: self._no_file.add(plan))
+        if kind in rules.files and plan not in self._no_file:
+            disarmed, shut = lambda: self._identity.armed is False, lambda: self._no_file.add(plan)
+            return FileTransfer(*given, self._ftp, disarmed, shut)
         return Transfer(*given)
 
     def _replacer(self, kind: MissionKind, transfer: Transfer, phase: Phase) -> Replacer:
