@@ -85,7 +85,12 @@ VERBS: dict[str, Verb] = {
         Verb("file_remove", wire.FilePath, Access.CHANGE, "remove a file of the autopilot", CONFIGURING),
         Verb("file_mkdir", wire.FilePath, Access.CHANGE, "make a directory on the autopilot", CONFIGURING),
         Verb("file_rmdir", wire.FilePath, Access.CHANGE, "remove an empty directory of the autopilot", CONFIGURING),
-        Verb("file_cancel", wire.Order, Access.CHANGE, "end the transfer of a file or log that is under way"),
+        Verb(
+            "file_cancel",
+            wire.Order,
+            Access.CHANGE,
+            "end the transfer of a file or log that is under way, or the first that waits",
+        ),
         Verb("log_list", wire.LogList, Access.READ, "list the autopilot's logs", LOOKING),
         Verb("log_get", wire.LogGet, Access.READ, "fetch a log of the autopilot"),
         Verb("log_erase", wire.LogErase, Access.CHANGE, "erase all logs of the autopilot", CONFIGURING),

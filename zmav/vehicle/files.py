@@ -87,7 +87,7 @@ class Files:
         await self._vehicle.order("file_rmdir", wire.FilePath(path=path))
 
     async def cancel(self) -> str | None:
-        """End the transfer of a file or log that is under way there; gives what it was."""
+        """End the transfer of a file or log that is under way there, or the first that waits; gives what it was."""
         cancelled: str | None = (await self._vehicle.order("file_cancel", wire.Order()))["cancelled"]
         return cancelled
 

@@ -498,12 +498,6 @@ async def test_a_vehicle_that_is_armed_meanwhile_is_asked_for_no_more_files(fili
     assert (peer.by_item, peer.asked(Op.OPEN_FILE_RO)) == (11, 1)
 
 
-async def test_another_than_ardupilot_may_name_a_file_so(filing: StartFiling) -> None:
-    b, _ = await filing(style="px4")
-    with pytest.raises(Refused, match="cannot write @mine"):  # by its file server, as it happens
-        await b.ground.do("file_put", path="@mine", data="")
-
-
 @pytest.mark.parametrize(("style", "capabilities"), [("px4", HAS_FILES), ("ardupilot", 0)])
 async def test_who_does_not_have_them_is_not_asked_for_files(
     filing: StartFiling, style: str, capabilities: int

@@ -15,7 +15,6 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.autopilots.ardupilot import ArduPilot
 from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, Op, crc32
 from zmav.services.companion import Companion
@@ -35,7 +34,7 @@ class Files:
     """Orders ``file_*``, on the event loop, and the keys ``file/**``, in the lane of questions."""
 
     def __init__(self, companion: Companion, ftp: Ftp, store: Store) -> None:
-        self._port, self._identity = companion.port, companion.identity
+        self._port = companion.port
         key = {"fleet": companion.port.fleet, "vehicle": companion.port.name, "file": "*"}
         companion.questions.declare(keys.FILE.key(**key), self._on_info)
         companion.questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
@@ -73,8 +72,7 @@ class Files:
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
         args.check()
-        autopilot = self._identity.autopilot
-        if generated(args.path) and (autopilot is None or autopilot.name == ArduPilot.name):
+        if generated(args.path):
             text = (
                 f"{args.path} is no file on the autopilot's disk: mission_upload writes plans, and param_set parameters"
             )
