@@ -357,37 +357,25 @@ async def test_a_file_of_our_own_on_its_way_is_not_waited_for(filing: StartFilin
 
 
 async def test_what_is_told_to_others_is_not_taken(filing: StartFiling) -> None:
-    """Another program's file, its plan's count and its items, in the middle of ours."""
+    """Another program's file, its plan's count and its items, in the middle of ours; the file's packets come to
+    everybody, too, and to us.
+    """
     b, peer = await filing()
     peer.load(MISSION, OLD)
 
     def noise(offset: int) -> None:
         to = {"target_system": 255, "target_component": 190}
-        other = Packet(peer.asked(Op.BURST_READ_FILE), 9, Op.ACK, 40, Op.BURST_READ_FILE, data=b"\xff" * 40)
-        peer.send("FILE_TRANSFER_PROTOCOL", **to, payload=pack(other))
+        ours = peer.heard("FILE_TRANSFER_PROTOCOL")[-1]
+        asked = unpack(ours.fields["payload"])
+        other = Packet(asked.seq + 1, asked.session ^ 9, Op.ACK, 40, Op.BURST_READ_FILE, data=b"\xff" * 40)
+        for system, component in ((255, 190), (0, 0), ours.source):
+            end = {"target_system": system, "target_component": component}
+            peer.send("FILE_TRANSFER_PROTOCOL", **end, payload=pack(other))
         peer.send("MISSION_COUNT", **to, count=5)
         peer.send("MISSION_COUNT", **to, count=77, mission_type=FENCE)
         peer.send("MISSION_ITEM_INT", **to, seq=2, **OLD[0])
 
     peer.on_read = noise
-    assert (await b.ground.do("mission_download")).result["count"] == 4
-    assert ([i.z for i in (await plan(b)).items], peer.by_item) == ([item["z"] for item in OLD], 0)
-
-
-async def test_a_stray_packet_of_another_session_is_not_taken(filing: StartFiling) -> None:
-    """To everybody, or to us: its beginning is none of a plan."""
-    b, peer = await filing()
-    peer.load(MISSION, OLD)
-
-    def stray(offset: int) -> None:
-        system, component = peer.heard("FILE_TRANSFER_PROTOCOL")[-1].source
-        asked = unpack(peer.heard("FILE_TRANSFER_PROTOCOL")[-1].fields["payload"])
-        session = (asked.session + 1) & 0xFF
-        other = Packet(asked.seq + 1, session, Op.ACK, 40, Op.BURST_READ_FILE, data=b"\xff" * 40)
-        for to in ((system, component), (0, 0)):
-            peer.send("FILE_TRANSFER_PROTOCOL", target_system=to[0], target_component=to[1], payload=pack(other))
-
-    peer.on_read = stray
     assert (await b.ground.do("mission_download")).result["count"] == 4
     assert ([i.z for i in (await plan(b)).items], peer.by_item) == ([item["z"] for item in OLD], 0)
 
