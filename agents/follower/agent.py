@@ -128,7 +128,7 @@ class Follower(FlyingAgent):
         assert flight is not None
         guide.land()
         while not (await asyncio.wait({flight}, timeout=0.2))[0]:
-            if guide.wanted != "land":
+            if self._called_off(guide):
                 why = guide.why or "it was told otherwise"
                 raise Refused(f"it does not land: {why}", phase=guide.phase, called_off=guide.called_off)
         if (error := flight.exception()) is not None:
@@ -146,6 +146,11 @@ class Follower(FlyingAgent):
         if not self.flying or self.guide is None:
             raise Refused("it follows nobody: give it 'follow' first")
         return self.guide
+
+    def _called_off(self, guide: Guide) -> bool:
+        """Its landing is; not once it is down: setpoints would go to a vehicle that stands armed on a moving deck."""
+        state = self.vehicle.last_state
+        return guide.wanted != "land" and not (state is not None and state.landed)
 
     # In flight.
 
@@ -226,16 +231,20 @@ class Follower(FlyingAgent):
                     guide.drift.feed(place.t, heard, place.pos, place.vel)
 
     async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
-        said, stopped, due = "", 0, time.monotonic()
+        said, stopped, armed, due = "", 0, False, time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:
                 raise lease.lost
             if hearing.done():
                 hearing.result()
             state = self._known(guide)
+            if state is not None:
+                if armed and state.armed is False:  # whoever arms it next has not asked us to fly it
+                    return
+                armed = armed or state.armed is True
             if state is not None and state.local is not None and self._step(guide, lease, state):
                 self.status("land", "on the pad")
-                if await self._unless(lambda: guide.wanted != "land", self.vehicle.land()):
+                if await self._unless(lambda: self._called_off(guide), self.vehicle.land()):
                     return
             if guide.phase != said:
                 said = guide.phase

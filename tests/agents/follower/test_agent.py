@@ -164,3 +164,28 @@ async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene
     assert quad.state.armed
     assert follower.flying
     assert follower.said[-1].startswith("hold")
+
+
+async def test_a_hold_once_it_is_down_leaves_the_landing_to_end(scene: Scene) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=2.0)
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    landing = asyncio.create_task(quad.tell("follower", "land"))
+    await quad.wait_until(lambda s: s.mover != "stream" and s.landed is True, PATIENCE_S)
+    assert quad.state.armed
+    await quad.tell("follower", "hold")
+    await landing
+    assert not quad.state.armed
+    assert follower.said[-1] == "landed"
+
+
+async def test_a_vehicle_that_somebody_else_lands_is_flown_no_more(scene: Scene) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=2.0)
+    flight = follower.flight
+    assert flight is not None
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    await quad.land()
+    await until(flight.done, "it goes on for ever", PATIENCE_S)
+    assert follower.said[-1] == "landed"
+    await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)
