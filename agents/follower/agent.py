@@ -200,6 +200,8 @@ class Follower(FlyingAgent):
         try:
             while not (await asyncio.wait({doing}, timeout=0.1))[0]:
                 if otherwise():
+                    doing.cancel()  # before it holds: an order whose answer does not come is sent again
+                    await asyncio.gather(doing, return_exceptions=True)
                     await self.vehicle.hold()
                     return False
             doing.result()

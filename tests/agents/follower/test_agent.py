@@ -18,7 +18,7 @@ from zmav.errors import Refused, Stale
 from zmav.flying import PATIENCE
 from zmav.sim import VehicleSpec, World
 from zmav.subscription import Subscription
-from zmav.vehicle.vehicle import Place
+from zmav.vehicle.vehicle import Place, Progress
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -50,6 +50,21 @@ class Quad(zmav.Vehicle):
     says_places = True
     late = 0.0
     """s: its places come that late"""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.orders: list[str] = []
+
+    async def land(self, *, progress: Progress | None = None) -> None:
+        self.orders.append("land")
+        try:
+            await super().land(progress=progress)
+        finally:
+            self.orders.append("land no more")
+
+    async def hold(self) -> None:
+        self.orders.append("hold")
+        await super().hold()
 
     def places(self, hz: float, depth: int = 200) -> Any:
         return Places(super().places(hz, depth), self)
@@ -161,6 +176,12 @@ async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene
     with pytest.raises(Refused, match="it does not land: it was told otherwise"):
         await landing
     await until(lambda: scene.phase == "hold", "it goes on landing")
+    assert quad.orders == ["land", "land no more", "hold"]
+    state = await quad.wait_until(lambda s: s.mover == "stream", PATIENCE_S)
+    assert state.local is not None
+    await asyncio.sleep(1.0)  # it would sink by more than that meanwhile
+    assert quad.local[2] == pytest.approx(state.local[2], abs=0.3)
+    assert not quad.state.landed
     assert quad.state.armed
     assert follower.flying
     assert follower.said[-1].startswith("hold")
