@@ -36,7 +36,7 @@ after picture, and a pad is seen well in one of them
 FRESH = 1.0
 """s for which a target's word of its speed is good enough to begin with"""
 AHEAD, OLDEST = 0.3, 3.0
-"""s by which a sight may be from after now, by clocks that are not one, and from before it"""
+"""s by which a sight may be from after now, by clocks that are not one (a place, too), and from before it"""
 WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from agents.follower.guide import AHEAD
 from zmav.errors import Stale
 from zmav.vehicle.vehicle import Place
 from zmav.wire import Vector
@@ -43,7 +44,7 @@ class Here:
             raise Stale(f"no GLOBAL_POSITION_INT of its autopilot has come for {silent:.1f} s", age=silent)
         if silent > SILENT:
             raise Stale(f"its autopilot said {silent:.1f} s ago where it is", age=silent)
-        if (age := t - self.last.t) > TOO_OLD:
+        if not -AHEAD <= (age := t - self.last.t) <= TOO_OLD:  # one from after now would not be carried on
             raise Stale(f"where it was {age:.1f} s ago is heard only now; or the hosts' clocks disagree", age=age)
         return self.last
 

@@ -38,6 +38,14 @@ def test_a_place_that_comes_much_too_late_is_none() -> None:
     assert here.at(1003.0) == pytest.approx((TOO_OLD, 0.0, -5.0))
 
 
+def test_a_place_from_after_now_is_none() -> None:
+    here = Here(10.0)
+    here.feed(said(1000.0), 10.0)
+    assert here.check(999.8, 10.0) == said(1000.0)
+    with pytest.raises(Stale, match="the hosts' clocks disagree"):
+        here.check(999.6, 10.0)
+
+
 def test_one_that_was_overtaken_is_left_out_until_a_clock_must_have_been_set() -> None:
     here = Here(0.0)
     assert here.feed(said(100.0), 0.0)

@@ -25,7 +25,8 @@ class World:
 
     def __init__(self, target: Place, *, delay: float = 0.0, lost: float = 0.0) -> None:
         self.target, self.pos, self.vel = target, np.array((0.0, 0.0, -5.3)), np.zeros(3)
-        self.t, self.rng = 0.0, np.random.default_rng(5)
+        self.t, self.clock, self.rng = 0.0, 0.0, np.random.default_rng(5)
+        """``t``: UTC s, which a test may set; ``clock``: of a clock that nobody sets"""
         self.tuned = {name: each.default for name, each in Follower.tunables.items()}
         self.tuned["lead"] = LAG
         self.guide = Guide(self.tuned.__getitem__, 5.0)
@@ -73,6 +74,7 @@ class World:
 
     def step(self) -> None:
         self.t += TICK
+        self.clock += TICK
         self.frame += 1
         if self.frame % 2 == 0 and self.rng.random() >= self.lost:
             self.due.append((self.t + self.delay, self.t, self.picture()))
@@ -82,7 +84,7 @@ class World:
         self.hear()
         want = np.zeros(3)
         try:
-            last = self.here.check(self.t, self.t)
+            last = self.here.check(self.t, self.clock)
         except Stale:  # without a setpoint it holds
             self.old_places += 1
         else:
@@ -108,8 +110,8 @@ class World:
         self.said.sort(key=lambda each: each[0])
         while self.said and self.said[0][0] <= self.t + 1e-9:
             _, said = self.said.pop(0)
-            if self.here.feed(said, self.t):
-                self.guide.drift.feed(said.t, self.t, said.pos, said.vel)
+            if self.here.feed(said, self.clock):
+                self.guide.drift.feed(said.t, self.clock, said.pos, said.vel)
 
     def picture(self) -> list[Detection]:
         """All pads in a view of 63 by 49 degrees, a little noise on each."""
