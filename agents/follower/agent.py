@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import zmav
 from agents.follower.guide import Guide, TargetFix
-from agents.follower.place import HZ, Here
+from agents.follower.place import HZ, LATE_GAIN, Here
 from agents.follower.slot import Slot
 from agents.follower.tracker import Tracker
 from zmav import keys, wire
@@ -31,8 +31,8 @@ SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
-LATE_GAIN, MOST_LATE = 0.1, 1.0
-"""of the smoothed time from the vehicle to us; s of it that are believed"""
+MOST_LATE = 1.0
+"""s from the vehicle to us that are believed"""
 OFTEN = 3
 """landings stopped by gusts from which on each one is told of as a warning"""
 DELAYS = 50
@@ -229,7 +229,7 @@ class Follower(FlyingAgent):
         async with self.vehicle.places(HZ) as places:
             async for place in places:
                 heard = time.monotonic()
-                if self._here.feed(place, heard):
+                if self._here.feed(place, time.time(), heard):
                     guide.drift.feed(place.t, heard, place.pos, place.vel)
 
     async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
@@ -288,7 +288,7 @@ class Follower(FlyingAgent):
         now, here = time.time(), self._here
         me = here.at(now)
         assert me is not None and here.last is not None
-        command = guide.step(now, me, self._told(), self._plane(state), self._late, here.last.vel, here.late(now))
+        command = guide.step(now, me, self._told(), self._plane(state), self._late, here.last.vel, here.late)
         if self._heading is None and state.attitude is not None:
             self._heading = state.attitude.yaw
         with contextlib.suppress(NotHolder):  # said by lease.lost

@@ -214,7 +214,7 @@ class Guide:
         old: float = 0.0,
     ) -> FollowCommand:
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
-        hears the command; ``old``: s by which what is known of ``me`` is late.
+        hears the command; ``old``: s by which what is known of ``me`` came late.
         """
         if self._before and now - self._before > GAP and self.phase == "touch":
             self.phase, self._since, self._level = "descend", now, None

@@ -13,6 +13,10 @@ SILENT = 0.5
 """s without a new place after which nothing is flown by the last one: five were lost, and in a gust it may move half a
 metre meanwhile
 """
+LATE_GAIN = 0.1
+"""weight of a new one in how late they come"""
+IN_TIME = 0.05
+"""s from the autopilot to us with which a place is not late: what is added against gusts was found with about that"""
 TOO_OLD = 1.0
 """s of a place's age by the two clocks from which it is no place any more, however lately it came"""
 
@@ -24,14 +28,18 @@ class Here:
 
     def __init__(self, begun: float) -> None:
         self.last: Place | None = None
+        self.late = 0.0
+        """s by which its places come late, smoothed: by their age, which saws between two, commands would saw, too"""
         self._heard = begun
 
-    def feed(self, place: Place, heard: float) -> bool:
-        """Whether it is the newest. One that is older than the last, and came behind it on the way, is none; where
+    def feed(self, place: Place, t: float, heard: float) -> bool:
+        """Heard at ``t`` (UTC s). Whether it is the newest. One that is older than the last, and came behind it on the way, is none; where
         nothing newer has come for :data:`SILENT`, a clock was set back, and it is.
         """
         if self.last is not None and place.t <= self.last.t and heard - self._heard < SILENT:
             return False
+        late = max(0.0, min(t - place.t, TOO_OLD) - IN_TIME)
+        self.late += (1.0 if self.last is None else LATE_GAIN) * (late - self.late)
         self.last, self._heard = place, heard
         return True
 
@@ -55,7 +63,3 @@ class Here:
         age = max(0.0, min(t - self.last.t, TOO_OLD))
         north, east, down = (x + age * v for x, v in zip(self.last.pos, self.last.vel, strict=True))
         return north, east, down
-
-    def late(self, t: float) -> float:
-        """s by which the last place is older than the time between two explains."""
-        return 0.0 if self.last is None else max(0.0, t - self.last.t - 1.0 / HZ)
