@@ -94,8 +94,6 @@ class Follower(FlyingAgent):
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
         self._here = Here(0.0)
-        self._placed = 0.0
-        """when it was known last where the vehicle is, or nothing at all was heard of it (s of the monotonic clock)"""
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
@@ -173,8 +171,7 @@ class Follower(FlyingAgent):
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
-                self._placed = time.monotonic()
-                self._here = Here(self._placed)
+                self._here = Here(time.monotonic())
                 hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
                 try:
                     await self._follow(guide, lease, lost, hearing)
@@ -268,16 +265,10 @@ class Follower(FlyingAgent):
         try:
             state = self.vehicle.state
         except Stale as e:
-            self._placed, why = now, e.message
+            self._here.unheard(now)
+            why = e.message
         else:
-            try:
-                self._here.check(time.time(), now)
-            except Stale as e:
-                if now - self._placed > PATIENCE:
-                    raise
-                why = e.message
-            else:
-                self._placed = now
+            if not (why := self._here.known(time.time(), now)):
                 return state
         self.status(guide.phase, why, target=self.target)
         return None

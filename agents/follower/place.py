@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from agents.follower.guide import AHEAD
 from zmav.errors import Stale
+from zmav.flying import PATIENCE
 from zmav.vehicle.vehicle import Place
 from zmav.wire import Vector
 
@@ -30,11 +31,11 @@ class Here:
         self.last: Place | None = None
         self.late = 0.0
         """s by which its places come late, smoothed: by their age, which saws between two, commands would saw, too"""
-        self._heard = begun
+        self._heard = self._known = begun
 
     def feed(self, place: Place, t: float, heard: float) -> bool:
-        """Heard at ``t`` (UTC s). Whether it is the newest. One that is older than the last, and came behind it on the way, is none; where
-        nothing newer has come for :data:`SILENT`, a clock was set back, and it is.
+        """Heard at ``t`` (UTC s). Whether it is the newest. One that is older than the last, and came behind it on the
+        way, is none; where nothing newer has come for :data:`SILENT`, a clock was set back, and it is.
         """
         if self.last is not None and place.t <= self.last.t and heard - self._heard < SILENT:
             return False
@@ -55,6 +56,23 @@ class Here:
         if not -AHEAD <= (age := t - self.last.t) <= TOO_OLD:  # one from after now would not be carried on
             raise Stale(f"where it was {age:.1f} s ago is heard only now; or the hosts' clocks disagree", age=age)
         return self.last
+
+    def unheard(self, now: float) -> None:
+        """Nothing at all is heard of the vehicle: not even its states, so that is another matter."""
+        self._known = now
+
+    def known(self, t: float, now: float) -> str:
+        """Empty where :meth:`check` is passed; else why not. Raises what that raises where it has not been passed for
+        :data:`~zmav.flying.PATIENCE`.
+        """
+        try:
+            self.check(t, now)
+        except Stale as e:
+            if now - self._known > PATIENCE:
+                raise
+            return e.message
+        self._known = now
+        return ""
 
     def at(self, t: float) -> Vector | None:
         """Where it is at ``t``, carried on with its velocity; None: it has not said."""

@@ -11,6 +11,7 @@ import pytest
 from agents.follower.place import IN_TIME, SILENT, TOO_OLD, Here
 from tests.agents.follower.virtual import DECK, World
 from zmav.errors import Stale
+from zmav.flying import PATIENCE
 from zmav.vehicle.vehicle import Place
 
 
@@ -36,6 +37,36 @@ def test_a_place_that_comes_much_too_late_is_none() -> None:
     with pytest.raises(Stale, match=r"where it was 3\.0 s ago is heard only now"):
         here.check(1003.0, 13.0)
     assert here.at(1003.0) == pytest.approx((TOO_OLD, 0.0, -5.0))
+
+
+@pytest.mark.parametrize(
+    ("says", "late", "words"),
+    [
+        (False, 0.0, "no GLOBAL_POSITION_INT of its autopilot has come"),
+        (True, 0.0, "s ago where it is"),
+        (True, 5.0, "s ago is heard only now"),
+    ],
+)
+def test_without_new_places_it_is_told_why_for_a_while_and_then_raised(says: bool, late: float, words: str) -> None:
+    here = Here(10.0)
+    if says:
+        here.feed(said(1000.0), 1000.0, 10.0)
+        assert here.known(1000.0, 10.0) == ""
+    for k in range(6, 100):
+        if late:
+            here.feed(said(1000.0 + 0.1 * k - late), 1000.0 + 0.1 * k, 10.0 + 0.1 * k)
+        assert words in here.known(1000.0 + 0.1 * k, 10.0 + 0.1 * k)
+    assert pytest.approx(10.0) == PATIENCE
+    with pytest.raises(Stale, match=words):
+        here.known(1010.1, 20.1)
+
+
+def test_a_vehicle_of_which_nothing_is_heard_may_be_silent_for_longer() -> None:
+    here = Here(10.0)
+    here.unheard(18.0)
+    assert here.known(1000.0, 27.9)
+    with pytest.raises(Stale):
+        here.known(1000.0, 28.1)
 
 
 def test_a_place_from_after_now_is_none() -> None:
