@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import zmav
 from agents.follower.guide import Guide, TargetFix
-from agents.follower.place import HZ, Here
+from agents.follower.place import HZ, LATE_GAIN, Here
 from agents.follower.slot import Slot
 from agents.follower.tracker import Tracker
 from zmav import keys, wire
@@ -31,8 +31,8 @@ SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
-LATE_GAIN, MOST_LATE = 0.1, 1.0
-"""of the smoothed time from the vehicle to us; s of it that are believed"""
+MOST_LATE = 1.0
+"""s from the vehicle to us that are believed"""
 OFTEN = 3
 """landings stopped by gusts from which on each one is told of as a warning"""
 DELAYS = 50
@@ -94,8 +94,6 @@ class Follower(FlyingAgent):
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
         self._here = Here(0.0)
-        self._placed = 0.0
-        """when it was known last where the vehicle is, or nothing at all was heard of it (s of the monotonic clock)"""
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
         self._heading: float | None = None
@@ -128,7 +126,7 @@ class Follower(FlyingAgent):
         assert flight is not None
         guide.land()
         while not (await asyncio.wait({flight}, timeout=0.2))[0]:
-            if guide.wanted != "land":
+            if self._called_off(guide):
                 why = guide.why or "it was told otherwise"
                 raise Refused(f"it does not land: {why}", phase=guide.phase, called_off=guide.called_off)
         if (error := flight.exception()) is not None:
@@ -146,6 +144,11 @@ class Follower(FlyingAgent):
         if not self.flying or self.guide is None:
             raise Refused("it follows nobody: give it 'follow' first")
         return self.guide
+
+    def _called_off(self, guide: Guide) -> bool:
+        """Its landing is; not once it is down: setpoints would go to a vehicle that stands armed on a moving deck."""
+        state = self.vehicle.last_state
+        return guide.wanted != "land" and not (state is not None and state.landed)
 
     # In flight.
 
@@ -168,8 +171,7 @@ class Follower(FlyingAgent):
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
-                self._placed = time.monotonic()
-                self._here = Here(self._placed)
+                self._here = Here(time.monotonic())
                 hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
                 try:
                     await self._follow(guide, lease, lost, hearing)
@@ -195,6 +197,8 @@ class Follower(FlyingAgent):
         try:
             while not (await asyncio.wait({doing}, timeout=0.1))[0]:
                 if otherwise():
+                    doing.cancel()  # before it holds: an order whose answer does not come is sent again
+                    await asyncio.gather(doing, return_exceptions=True)
                     await self.vehicle.hold()
                     return False
             doing.result()
@@ -222,20 +226,24 @@ class Follower(FlyingAgent):
         async with self.vehicle.places(HZ) as places:
             async for place in places:
                 heard = time.monotonic()
-                if self._here.feed(place, heard):
+                if self._here.feed(place, time.time(), heard):
                     guide.drift.feed(place.t, heard, place.pos, place.vel)
 
     async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, hearing: asyncio.Task[None]) -> None:
-        said, stopped, due = "", 0, time.monotonic()
+        said, stopped, armed, due = "", 0, False, time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:
                 raise lease.lost
             if hearing.done():
                 hearing.result()
             state = self._known(guide)
+            if state is not None:
+                if armed and state.armed is False:  # whoever arms it next has not asked us to fly it
+                    return
+                armed = armed or state.armed is True
             if state is not None and state.local is not None and self._step(guide, lease, state):
                 self.status("land", "on the pad")
-                if await self._unless(lambda: guide.wanted != "land", self.vehicle.land()):
+                if await self._unless(lambda: self._called_off(guide), self.vehicle.land()):
                     return
             if guide.phase != said:
                 said = guide.phase
@@ -257,16 +265,10 @@ class Follower(FlyingAgent):
         try:
             state = self.vehicle.state
         except Stale as e:
-            self._placed, why = now, e.message
+            self._here.unheard(now)
+            why = e.message
         else:
-            try:
-                self._here.check(time.time(), now)
-            except Stale as e:
-                if now - self._placed > PATIENCE:
-                    raise
-                why = e.message
-            else:
-                self._placed = now
+            if not (why := self._here.known(time.time(), now)):
                 return state
         self.status(guide.phase, why, target=self.target)
         return None
@@ -277,7 +279,7 @@ class Follower(FlyingAgent):
         now, here = time.time(), self._here
         me = here.at(now)
         assert me is not None and here.last is not None
-        command = guide.step(now, me, self._told(), self._plane(state), self._late, here.last.vel, here.late(now))
+        command = guide.step(now, me, self._told(), self._plane(state), self._late, here.last.vel, here.late)
         if self._heading is None and state.attitude is not None:
             self._heading = state.attitude.yaw
         with contextlib.suppress(NotHolder):  # said by lease.lost

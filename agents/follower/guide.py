@@ -36,7 +36,7 @@ after picture, and a pad is seen well in one of them
 FRESH = 1.0
 """s for which a target's word of its speed is good enough to begin with"""
 AHEAD, OLDEST = 0.3, 3.0
-"""s by which a sight may be from after now, by clocks that are not one, and from before it"""
+"""s by which a sight may be from after now, by clocks that are not one (a place, too), and from before it"""
 WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3
@@ -132,6 +132,8 @@ class Guide:
     """after a landing was called off, until it is back up at that level"""
     _waited: float = 0.0
     """s of this landing in which it did not go lower"""
+    _unseen: float = 0.0
+    """s of them for which the pad was not seen"""
     _before: float = 0.0
     _begun: tuple[float, float] | None = None
     _seen_at: tuple[float, float] | None = None
@@ -144,7 +146,7 @@ class Guide:
         it looked for the pad too long, to hold; :attr:`why` says that.
         """
         if self.wanted != "land":
-            self.called_off, self._waited = 0, 0.0
+            self.called_off, self._waited, self._unseen = 0, 0.0, 0.0
         self.wanted, self.why = "land", ""
 
     # What is seen.
@@ -214,7 +216,7 @@ class Guide:
         old: float = 0.0,
     ) -> FollowCommand:
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
-        hears the command; ``old``: s by which what is known of ``me`` is late.
+        hears the command; ``old``: s by which what is known of ``me`` came late.
         """
         if self._before and now - self._before > GAP and self.phase == "touch":
             self.phase, self._since, self._level = "descend", now, None
@@ -244,9 +246,10 @@ class Guide:
         before = self.phase
         if self.wanted == "land" and self._waited > WAITS and before != "touch":
             self.wanted = "follow"
-            self.why = (
-                f"it waited {self._waited:.0f} s over the pad, rose again {self.called_off} times, and was never near "
-                f"and calm enough to land: wait for less wind, or give it a wider gate"
+            self.why = f"it waited {self._waited:.0f} s over the pad, rose again {self.called_off} times, and " + (
+                f"did not see the pad in {self._unseen:.0f} s of them"
+                if self._unseen > 0.5 * self._waited
+                else "was never near and calm enough to land: wait for less wind, or give it a wider gate"
             )
         if self.wanted == "hold":
             self.phase = "hold"
@@ -368,6 +371,7 @@ class Guide:
             self._level = min(BLIND + AGAIN, max(self.height, BLIND))
             self.called_off += 1
         if self.phase == "descend" and not fresh:  # from higher up it sees more
+            self._unseen += dt
             self._level = max(self._level, min(self._level + sink * dt, self.height))
             return self._level, 0.0
         self._rises = self._rises and above < self._level - RISEN

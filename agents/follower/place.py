@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from agents.follower.guide import AHEAD
 from zmav.errors import Stale
+from zmav.flying import PATIENCE
 from zmav.vehicle.vehicle import Place
 from zmav.wire import Vector
 
@@ -12,6 +14,10 @@ SILENT = 0.5
 """s without a new place after which nothing is flown by the last one: five were lost, and in a gust it may move half a
 metre meanwhile
 """
+LATE_GAIN = 0.1
+"""weight of a new one in how late they come"""
+IN_TIME = 0.05
+"""s from the autopilot to us with which a place is not late: what is added against gusts was found with about that"""
 TOO_OLD = 1.0
 """s of a place's age by the two clocks from which it is no place any more, however lately it came"""
 
@@ -23,14 +29,18 @@ class Here:
 
     def __init__(self, begun: float) -> None:
         self.last: Place | None = None
-        self._heard = begun
+        self.late = 0.0
+        """s by which its places come late, smoothed: by their age, which saws between two, commands would saw, too"""
+        self._heard = self._known = begun
 
-    def feed(self, place: Place, heard: float) -> bool:
-        """Whether it is the newest. One that is older than the last, and came behind it on the way, is none; where
-        nothing newer has come for :data:`SILENT`, a clock was set back, and it is.
+    def feed(self, place: Place, t: float, heard: float) -> bool:
+        """Heard at ``t`` (UTC s). Whether it is the newest. One that is older than the last, and came behind it on the
+        way, is none; where nothing newer has come for :data:`SILENT`, a clock was set back, and it is.
         """
         if self.last is not None and place.t <= self.last.t and heard - self._heard < SILENT:
             return False
+        late = max(0.0, min(t - place.t, TOO_OLD) - IN_TIME)
+        self.late += (1.0 if self.last is None else LATE_GAIN) * (late - self.late)
         self.last, self._heard = place, heard
         return True
 
@@ -43,9 +53,26 @@ class Here:
             raise Stale(f"no GLOBAL_POSITION_INT of its autopilot has come for {silent:.1f} s", age=silent)
         if silent > SILENT:
             raise Stale(f"its autopilot said {silent:.1f} s ago where it is", age=silent)
-        if (age := t - self.last.t) > TOO_OLD:
+        if not -AHEAD <= (age := t - self.last.t) <= TOO_OLD:  # one from after now would not be carried on
             raise Stale(f"where it was {age:.1f} s ago is heard only now; or the hosts' clocks disagree", age=age)
         return self.last
+
+    def unheard(self, now: float) -> None:
+        """Nothing at all is heard of the vehicle: not even its states, so that is another matter."""
+        self._known = now
+
+    def known(self, t: float, now: float) -> str:
+        """Empty where :meth:`check` is passed; else why not. Raises what that raises where it has not been passed for
+        :data:`~zmav.flying.PATIENCE`.
+        """
+        try:
+            self.check(t, now)
+        except Stale as e:
+            if now - self._known > PATIENCE:
+                raise
+            return e.message
+        self._known = now
+        return ""
 
     def at(self, t: float) -> Vector | None:
         """Where it is at ``t``, carried on with its velocity; None: it has not said."""
@@ -54,7 +81,3 @@ class Here:
         age = max(0.0, min(t - self.last.t, TOO_OLD))
         north, east, down = (x + age * v for x, v in zip(self.last.pos, self.last.vel, strict=True))
         return north, east, down
-
-    def late(self, t: float) -> float:
-        """s by which the last place is older than the time between two explains."""
-        return 0.0 if self.last is None else max(0.0, t - self.last.t - 1.0 / HZ)

@@ -155,6 +155,7 @@ class Vehicle:
 
     def stream(self, name: str, depth: int = 1000, hz: float | None = None) -> Subscription[MavMessage]:
         """Every message of that name: ``async with vehicle.stream("ATTITUDE") as s: async for message in s: ...``.
+        Those of others on its autopilot's link are in it: see :meth:`is_autopilot`.
 
         With ``hz``, the autopilot is asked for that many a second as long as it is read; the fastest reader decides.
         Raises :class:`~zmav.errors.BadMessage` where the dialect lacks it; ``UNKNOWN_44000`` names it by its number.

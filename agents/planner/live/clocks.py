@@ -60,8 +60,9 @@ class Clocks:
         on it. Over bad hops they stay so: nobody is asked so twice within :data:`EVERY`.
         """
         now, unsure = time.monotonic(), dict[str, Offset]()
-        for name in self.offsets.keys() & set(names):
-            offset = self.offsets[name]
+        for name, offset in self.of(names).items():
             if not offset.error(self.clock.now()) < SURE and now - self._learnt.get(name, -EVERY) >= EVERY:
-                self._learnt[name], unsure[name] = now, offset
+                unsure[name] = offset
         await together(*(learn_time(self._z, name, self.clock, offset, SOON) for name, offset in unsure.items()))
+        # Only now: who comes meanwhile is not to go on with clocks that are still being learnt.
+        self._learnt.update(dict.fromkeys(unsure, time.monotonic()))

@@ -18,7 +18,7 @@ from zmav.errors import Refused, Stale
 from zmav.flying import PATIENCE
 from zmav.sim import VehicleSpec, World
 from zmav.subscription import Subscription
-from zmav.vehicle.vehicle import Place
+from zmav.vehicle.vehicle import Place, Progress
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -43,13 +43,26 @@ class Places:
     async def __aiter__(self) -> AsyncIterator[Place]:
         async for place in self._said:
             if self._quad.says_places:
-                yield place._replace(t=place.t - self._quad.late)
+                yield place
 
 
 class Quad(zmav.Vehicle):
     says_places = True
-    late = 0.0
-    """s: its places come that late"""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.orders: list[str] = []
+
+    async def land(self, *, progress: Progress | None = None) -> None:
+        self.orders.append("land")
+        try:
+            await super().land(progress=progress)
+        finally:
+            self.orders.append("land no more")
+
+    async def hold(self) -> None:
+        self.orders.append("hold")
+        await super().hold()
 
     def places(self, hz: float, depth: int = 200) -> Any:
         return Places(super().places(hz, depth), self)
@@ -116,18 +129,14 @@ async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
         await asyncio.gather(*running, return_exceptions=True)
 
 
-@pytest.mark.parametrize(
-    ("says", "late", "words"), [(False, 0.0, "s ago where it is"), (True, 5.0, "s ago is heard only now")]
-)
-async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_back(
-    scene: Scene, says: bool, late: float, words: str
-) -> None:
+async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_back(scene: Scene) -> None:
+    """What is no new place: see test_place.py."""
     follower, quad = scene
     await quad.tell("follower", "follow", height=3.0)
     flight = follower.flight
     assert flight is not None
     await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
-    quad.says_places, quad.late = says, late
+    quad.says_places, words = False, "s ago where it is"
     stopped = time.monotonic()
     await until(lambda: any(words in text for text in follower.said), "it does not say so")
     await quad.wait_until(lambda s: s.mover != "stream", PATIENCE_S)
@@ -137,18 +146,6 @@ async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_ba
     assert isinstance(flight.exception(), Stale)
     assert words in follower.said[-1]
     await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)
-
-
-async def test_a_vehicle_that_never_says_where_it_is_is_not_flown(scene: Scene) -> None:
-    follower, quad = scene
-    quad.says_places = False
-    await quad.tell("follower", "follow", height=2.0)
-    flight = follower.flight
-    assert flight is not None
-    await until(flight.done, "it waits for ever", PATIENCE_S)
-    assert isinstance(flight.exception(), Stale)
-    assert "no GLOBAL_POSITION_INT of its autopilot has come" in follower.said[-1]
-    assert quad.state.setpoints.get("flown", 0) == 0
 
 
 async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene: Scene) -> None:
@@ -161,6 +158,37 @@ async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene
     with pytest.raises(Refused, match="it does not land: it was told otherwise"):
         await landing
     await until(lambda: scene.phase == "hold", "it goes on landing")
+    assert quad.orders == ["land", "land no more", "hold"]
+    state = await quad.wait_until(lambda s: s.mover == "stream", PATIENCE_S)
+    assert state.local is not None
+    await asyncio.sleep(1.0)  # it would sink by more than that meanwhile
+    assert quad.local[2] == pytest.approx(state.local[2], abs=0.3)
+    assert not quad.state.landed
     assert quad.state.armed
     assert follower.flying
     assert follower.said[-1].startswith("hold")
+
+
+async def test_a_hold_once_it_is_down_leaves_the_landing_to_end(scene: Scene) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=2.0)
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    landing = asyncio.create_task(quad.tell("follower", "land"))
+    await quad.wait_until(lambda s: s.mover != "stream" and s.landed is True, PATIENCE_S)
+    assert quad.state.armed
+    await quad.tell("follower", "hold")
+    await landing
+    assert not quad.state.armed
+    assert follower.said[-1] == "landed"
+
+
+async def test_a_vehicle_that_somebody_else_lands_is_flown_no_more(scene: Scene) -> None:
+    follower, quad = scene
+    await quad.tell("follower", "follow", height=2.0)
+    flight = follower.flight
+    assert flight is not None
+    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    await quad.land()
+    await until(flight.done, "it goes on for ever", PATIENCE_S)
+    assert follower.said[-1] == "landed"
+    await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)

@@ -150,6 +150,7 @@ def test_a_landing_that_gusts_stop_again_and_again_is_given_up() -> None:
     assert world.guide.called_off >= 3
     assert WAITS < world.t - begun < 3.0 * WAITS
     assert "rose again" in world.guide.why
+    assert "less wind" in world.guide.why
     world.run(10.0)
     assert world.phases[-1] == "track"
     assert DECK - world.pos[2] == pytest.approx(5.0, abs=0.2)
@@ -157,6 +158,14 @@ def test_a_landing_that_gusts_stop_again_and_again_is_given_up() -> None:
     assert (world.guide.why, world.guide.called_off) == ("", 0)
     world.run(60.0, lambda world: world.command.land)
     assert world.command.land
+
+
+def test_a_landing_that_is_given_up_because_the_pad_is_seldom_seen_says_so() -> None:
+    world = landing(lambda world: DECK - float(world.pos[2]) < 2.0)
+    world.hidden = lambda t: t % 2.5 > 0.2
+    world.run(300.0, lambda world: world.guide.wanted != "land")
+    assert "did not see the pad in" in world.guide.why
+    assert "wind" not in world.guide.why
 
 
 def test_near_the_deck_it_goes_on_down_whatever_blows() -> None:

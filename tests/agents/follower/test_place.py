@@ -8,9 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from agents.follower.place import SILENT, TOO_OLD, Here
+from agents.follower.place import IN_TIME, SILENT, TOO_OLD, Here
 from tests.agents.follower.virtual import DECK, World
 from zmav.errors import Stale
+from zmav.flying import PATIENCE
 from zmav.vehicle.vehicle import Place
 
 
@@ -23,7 +24,7 @@ def test_it_is_carried_on_until_it_is_old() -> None:
     with pytest.raises(Stale, match=r"no GLOBAL_POSITION_INT of its autopilot has come for 0\.3 s"):
         here.check(1000.0, 10.3)
     assert here.at(1000.0) is None
-    assert here.feed(said(1000.0), 10.3)
+    assert here.feed(said(1000.0), 1000.0, 10.3)
     assert here.check(1000.2, 10.5) == said(1000.0)
     assert here.at(1000.2) == pytest.approx((0.2, 0.0, -5.0))
     with pytest.raises(Stale, match=r"said 0\.6 s ago where it is"):
@@ -32,27 +33,68 @@ def test_it_is_carried_on_until_it_is_old() -> None:
 
 def test_a_place_that_comes_much_too_late_is_none() -> None:
     here = Here(10.0)
-    here.feed(said(1000.0), 13.0)
+    here.feed(said(1000.0), 1000.0, 13.0)
     with pytest.raises(Stale, match=r"where it was 3\.0 s ago is heard only now"):
         here.check(1003.0, 13.0)
     assert here.at(1003.0) == pytest.approx((TOO_OLD, 0.0, -5.0))
 
 
+@pytest.mark.parametrize(
+    ("says", "late", "words"),
+    [
+        (False, 0.0, "no GLOBAL_POSITION_INT of its autopilot has come"),
+        (True, 0.0, "s ago where it is"),
+        (True, 5.0, "s ago is heard only now"),
+    ],
+)
+def test_without_new_places_it_is_told_why_for_a_while_and_then_raised(says: bool, late: float, words: str) -> None:
+    here = Here(10.0)
+    if says:
+        here.feed(said(1000.0), 1000.0, 10.0)
+        assert here.known(1000.0, 10.0) == ""
+    for k in range(6, 100):
+        if late:
+            here.feed(said(1000.0 + 0.1 * k - late), 1000.0 + 0.1 * k, 10.0 + 0.1 * k)
+        assert words in here.known(1000.0 + 0.1 * k, 10.0 + 0.1 * k)
+    assert pytest.approx(10.0) == PATIENCE
+    with pytest.raises(Stale, match=words):
+        here.known(1010.1, 20.1)
+
+
+def test_a_vehicle_of_which_nothing_is_heard_may_be_silent_for_longer() -> None:
+    here = Here(10.0)
+    here.unheard(18.0)
+    assert here.known(1000.0, 27.9)
+    with pytest.raises(Stale):
+        here.known(1000.0, 28.1)
+
+
+def test_a_place_from_after_now_is_none() -> None:
+    here = Here(10.0)
+    here.feed(said(1000.0), 1000.0, 10.0)
+    assert here.check(999.8, 10.0) == said(1000.0)
+    with pytest.raises(Stale, match="the hosts' clocks disagree"):
+        here.check(999.6, 10.0)
+
+
 def test_one_that_was_overtaken_is_left_out_until_a_clock_must_have_been_set() -> None:
     here = Here(0.0)
-    assert here.feed(said(100.0), 0.0)
-    assert not here.feed(said(99.7, 7.0), 0.1)
-    assert not here.feed(said(100.0, 7.0), 0.2)
+    assert here.feed(said(100.0), 100.0, 0.0)
+    assert not here.feed(said(99.7, 7.0), 99.7, 0.1)
+    assert not here.feed(said(100.0, 7.0), 100.0, 0.2)
     assert here.last == said(100.0)
-    assert here.feed(said(60.0, 7.0), SILENT), "nothing newer came for so long: its clock was set back"
+    assert here.feed(said(60.0, 7.0), 60.0, SILENT), "nothing newer came for so long: its clock was set back"
 
 
 def test_how_late_it_is_does_not_count_the_time_between_two() -> None:
     here = Here(0.0)
-    assert here.late(5.0) == 0.0
-    here.feed(said(100.0), 0.0)
-    assert here.late(100.09) == 0.0
-    assert here.late(100.3) == pytest.approx(0.2)
+    assert here.late == 0.0
+    for k in range(40):
+        late = 0.0 if k < 10 else 0.1
+        here.feed(said(100.0 + 0.25 * k), 100.0 + 0.25 * k + IN_TIME + late, 0.25 * k)
+        if k < 10:
+            assert here.late == pytest.approx(0.0)
+    assert 0.09 < here.late < 0.1
 
 
 def over_the_pad(until: Callable[[World], bool]) -> World:
@@ -118,3 +160,17 @@ def test_nothing_is_added_by_a_place_that_is_late() -> None:
 
     assert added(0.0) > 0.3
     assert abs(added(0.4)) < 0.1
+
+
+def test_what_is_added_does_not_saw_between_seldom_places() -> None:
+    """Four a second: each is a quarter of a second old before the next one comes."""
+    world = World(lambda t: (0.0, 0.0))
+    world.push, world.place_every = 0.6, 5
+    world.run(20.0)
+    world.off.clear()
+    flown = []
+    for _ in range(200):
+        world.step()
+        flown.append(float(world.command.vel[0]))
+    assert np.abs(np.diff(flown)).max() < 0.6, "more than what the sights' noise makes of it"
+    assert np.mean(world.off) < 0.08

@@ -25,7 +25,8 @@ class World:
 
     def __init__(self, target: Place, *, delay: float = 0.0, lost: float = 0.0) -> None:
         self.target, self.pos, self.vel = target, np.array((0.0, 0.0, -5.3)), np.zeros(3)
-        self.t, self.rng = 0.0, np.random.default_rng(5)
+        self.t, self.clock, self.rng = 0.0, 0.0, np.random.default_rng(5)
+        """``t``: UTC s, which a test may set; ``clock``: of a clock that nobody sets"""
         self.tuned = {name: each.default for name, each in Follower.tunables.items()}
         self.tuned["lead"] = LAG
         self.guide = Guide(self.tuned.__getitem__, 5.0)
@@ -42,7 +43,9 @@ class World:
         self.push, self.late, self.score = 0.0, 0.0, 0.8
         """m/s that the wind takes from what it flies north; s until a command is said to be heard; of each sight"""
         self.place_late: Callable[[float], float] = lambda t: 0.02
-        """s until it is heard what it says of its place at that time, ten times a second"""
+        """s until it is heard what it says of its place at that time"""
+        self.place_every = 2
+        """ticks from one to the next: ten a second"""
         self.here = Here(0.0)
         self.said: list[tuple[float, Said]] = []
         self.old_places = 0
@@ -73,6 +76,7 @@ class World:
 
     def step(self) -> None:
         self.t += TICK
+        self.clock += TICK
         self.frame += 1
         if self.frame % 2 == 0 and self.rng.random() >= self.lost:
             self.due.append((self.t + self.delay, self.t, self.picture()))
@@ -82,14 +86,14 @@ class World:
         self.hear()
         want = np.zeros(3)
         try:
-            last = self.here.check(self.t, self.t)
+            last = self.here.check(self.t, self.clock)
         except Stale:  # without a setpoint it holds
             self.old_places += 1
         else:
             me = self.here.at(self.t)
             assert me is not None
-            old = self.here.late(self.t)
-            self.command = self.guide.step(self.t, me, self.word(), self.plane, self.late, last.vel, old)
+            word, old = self.word(), self.here.late
+            self.command = self.guide.step(self.t, me, word, self.plane, self.late, last.vel, old)
             # It flies to where the place that moves was a little ago: see docs/vision.md.
             aim = np.array(self.command.pos) - LAG * np.array(self.command.vel)
             want = np.array(self.command.vel) + np.clip(1.2 * (aim - self.me), -4.0, 4.0)
@@ -102,14 +106,14 @@ class World:
 
     def hear(self) -> None:
         """Its places, as they come: one may overtake another."""
-        if self.frame % 2 == 1:
+        if self.frame % self.place_every == 1:
             vel = (float(self.vel[0]), float(self.vel[1]), float(self.vel[2]))
             self.said.append((self.t + self.place_late(self.t), Said(self.t, self.me, vel)))
         self.said.sort(key=lambda each: each[0])
         while self.said and self.said[0][0] <= self.t + 1e-9:
             _, said = self.said.pop(0)
-            if self.here.feed(said, self.t):
-                self.guide.drift.feed(said.t, self.t, said.pos, said.vel)
+            if self.here.feed(said, self.t, self.clock):
+                self.guide.drift.feed(said.t, self.clock, said.pos, said.vel)
 
     def picture(self) -> list[Detection]:
         """All pads in a view of 63 by 49 degrees, a little noise on each."""

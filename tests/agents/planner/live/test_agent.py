@@ -17,6 +17,7 @@ import zenoh
 import zmav
 from agents.planner.cli.asking import Planner
 from agents.planner.execute.offset import Offset
+from agents.planner.execute.vehicle_command import SURE
 from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
 from agents.planner.live import plan as planning
@@ -90,6 +91,14 @@ async def test_a_preview_knows_the_clocks_as_well_as_a_flight(field: Field) -> N
     before = badly.error(now)
     await (await field.planner()).order("preview", swarm.Preview(goal=swap(12.0)))
     assert badly.error(clocks.clock.now()) < 0.5 * before
+
+
+async def test_two_previews_at_once_both_wait_for_the_clocks(field: Field) -> None:
+    clocks = Clocks(field.me)  # by which nobody's first state was taken in
+    asked = [asyncio.create_task(clocks.learn(["quad1"])) for _ in range(2)]
+    for each in asyncio.as_completed(asked):
+        await each
+        assert clocks.offsets["quad1"].error(clocks.clock.now()) < SURE
 
 
 async def test_nobody_who_is_heard_is_said_not_to_be(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
