@@ -41,6 +41,8 @@ from zmav.sim.protocol.ftp import FtpServer
 HAS_FILES = 0x20
 KINDS = {"mission": MISSION, "fence": FENCE, "rally": RALLY}
 OLD, NEW = raw(waypoints(4, alt=90.0)), waypoints(10)
+ONCE = TransferTimes(reply=9.0, shortest=9.0, longest=9.0)
+"""nothing is repeated, however late its answer comes"""
 
 
 class Outlet:
@@ -272,7 +274,7 @@ async def test_another_count_after_than_before_is_read_again(filing: StartFiling
 
 
 async def test_a_file_that_never_has_as_many_items_as_are_counted(filing: StartFiling) -> None:
-    b, peer = await filing()
+    b, peer = await filing(pace=ONCE)
     peer.load(MISSION, OLD)
     size = plan_file.size_of(4, peer.dialect)
     peer.changes_file = lambda whole: (plan_file.pack_header(MISSION, 4) + whole[plan_file.HEADER.size :])[:size]
@@ -414,7 +416,7 @@ async def test_what_is_no_such_file_is_not_taken_for_one(
     filing: StartFiling, changes: Callable[[bytes], bytes], again: int
 ) -> None:
     """It is asked for once in an order, and in the next order again: it may have been a stray packet."""
-    b, peer = await filing()
+    b, peer = await filing(pace=ONCE)
     peer.load(MISSION, OLD)
     peer.changes_file = changes
     assert (await b.ground.do("mission_download")).result["count"] == 4
@@ -472,7 +474,7 @@ async def test_an_armed_vehicle_is_not_asked_for_files(filing: StartFiling) -> N
 
 
 async def test_a_vehicle_that_is_armed_meanwhile_is_asked_for_no_more_files(filing: StartFiling) -> None:
-    b, peer = await filing(pace=TransferTimes(reply=9.0, shortest=9.0, longest=9.0))  # nothing is repeated
+    b, peer = await filing(pace=ONCE)
     peer.load(MISSION, OLD)
     take, held = peer.on_mission_item_int, list[Told]()
     peer.on_mission_item_int = lambda told: (held.append if told.fields["seq"] == 10 else take)(told)  # type: ignore[method-assign]
