@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Self
 
 PATIENCE_S = 30.0  # how long an event may take on a busy machine before the test fails
 
@@ -27,3 +29,19 @@ def wait_until(
     while not true():
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {what() if callable(what) else what}"
         time.sleep(every)
+
+
+class Watcher(ABC):
+    """Looks on, as :meth:`_look` does, as long as the ``async with`` lasts."""
+
+    async def __aenter__(self) -> Self:
+        self._task = asyncio.create_task(self._look())
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    @abstractmethod
+    async def _look(self) -> None:
+        """For ever."""

@@ -96,7 +96,7 @@ class Missions:
             fields = decode(frame, self._z.dialect)
         except BadInput:
             return
-        if state is None or (frame.sysid, frame.compid) != (state.sysid, state.compid):
+        if state is None or not self._vehicle.is_autopilot(frame.sysid, frame.compid):
             return  # of something else behind the same link
         types = self._node.ros.types
         if str(sample.key_expr).endswith(f"/{REACHED}"):

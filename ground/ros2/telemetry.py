@@ -188,11 +188,8 @@ class Telemetry:
         try:
             dialect, state = self._z.dialect, self._vehicle.last_state
             frame = parse_frame(sample.payload.to_bytes(), dialect)
-            if (
-                state is not None
-                and state.sysid is not None
-                and (frame.sysid, frame.compid) != (state.sysid, state.compid)
-            ):
+            known = state is not None and state.sysid is not None
+            if known and not self._vehicle.is_autopilot(frame.sysid, frame.compid):
                 return  # of something else behind the same link
             fields = decode(frame, dialect)
             self._last[str(sample.key_expr).rpartition("/")[2]] = (time.monotonic(), fields)

@@ -88,6 +88,13 @@ class Scene(NamedTuple):
     def phase(self) -> str:
         return self.follower.guide.phase if self.follower.guide is not None else ""
 
+    async def track(self, height: float) -> asyncio.Task[None]:
+        """Have it follow at ``height`` until it sees the pad; its flight."""
+        await self.quad.tell("follower", "follow", height=height)
+        assert self.follower.flight is not None
+        await until(lambda: self.phase == "track", "it does not see the pad", PATIENCE_S)
+        return self.follower.flight
+
 
 @pytest.fixture
 async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
@@ -132,10 +139,7 @@ async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
 async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_back(scene: Scene) -> None:
     """What is no new place: see test_place.py."""
     follower, quad = scene
-    await quad.tell("follower", "follow", height=3.0)
-    flight = follower.flight
-    assert flight is not None
-    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    flight = await scene.track(3.0)
     quad.says_places, words = False, "s ago where it is"
     stopped = time.monotonic()
     await until(lambda: any(words in text for text in follower.said), "it does not say so")
@@ -150,8 +154,7 @@ async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_ba
 
 async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene: Scene) -> None:
     follower, quad = scene
-    await quad.tell("follower", "follow", height=2.0)
-    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    await scene.track(2.0)
     landing = asyncio.create_task(quad.tell("follower", "land"))
     await until(lambda: "on the pad" in follower.said, "it does not land", PATIENCE_S)
     await quad.tell("follower", "hold")
@@ -171,8 +174,7 @@ async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene
 
 async def test_a_hold_once_it_is_down_leaves_the_landing_to_end(scene: Scene) -> None:
     follower, quad = scene
-    await quad.tell("follower", "follow", height=2.0)
-    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    await scene.track(2.0)
     landing = asyncio.create_task(quad.tell("follower", "land"))
     await quad.wait_until(lambda s: s.mover != "stream" and s.landed is True, PATIENCE_S)
     assert quad.state.armed
@@ -184,10 +186,7 @@ async def test_a_hold_once_it_is_down_leaves_the_landing_to_end(scene: Scene) ->
 
 async def test_a_vehicle_that_somebody_else_lands_is_flown_no_more(scene: Scene) -> None:
     follower, quad = scene
-    await quad.tell("follower", "follow", height=2.0)
-    flight = follower.flight
-    assert flight is not None
-    await until(lambda: scene.phase == "track", "it does not see the pad", PATIENCE_S)
+    flight = await scene.track(2.0)
     await quad.land()
     await until(flight.done, "it goes on for ever", PATIENCE_S)
     assert follower.said[-1] == "landed"

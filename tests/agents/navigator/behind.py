@@ -6,13 +6,14 @@ import asyncio
 import collections
 import time
 
+from tests.waiting import Watcher
 from zmav.sim import World
 
 CAUGHT_UP_S = 3.0
 """after which a vehicle has caught up with a course that went on without it"""
 
 
-class Behind:
+class Behind(Watcher):
     """``async with Behind(world) as behind``. A vehicle is where it should be but for ``most`` seconds of its way."""
 
     def __init__(self, world: World) -> None:
@@ -25,14 +26,6 @@ class Behind:
     def whole(self) -> float:
         """s of simulated time that were given up since it was entered."""
         return self._pacer.given_up_s - self._begun
-
-    async def __aenter__(self) -> Behind:
-        self._task = asyncio.create_task(self._look())
-        return self
-
-    async def __aexit__(self, *exc: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
 
     async def _look(self) -> None:
         rows = collections.deque[tuple[float, float]]()

@@ -51,6 +51,8 @@ class MissionPeer(Peer):
         self.times_asked = 1
         self.refuses: dict[int, int] = {}
         """result for the item of that number, as the autopilot counts"""
+        self.loses: Callable[[int], bool] = lambda seq: False
+        """whether its request for that item is lost, and not repeated"""
         self.dies_at: int | None = None
         """the item after which it says and hears no more"""
         self.dead = False
@@ -133,7 +135,7 @@ class MissionPeer(Peer):
     def ask(self) -> None:
         """Ask for the next item, now and again, and give up in the end."""
         upload = self.upload
-        if upload is None or self.dead:
+        if upload is None or self.dead or self.loses(upload["next"]):
             return
         for _ in range(self.times_asked):
             system, component = upload["from"]

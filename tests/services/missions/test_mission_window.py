@@ -52,14 +52,7 @@ async def test_which_of_those_under_way_is_refused(mission_bench: MissionBench) 
     b, peer = await mission_bench("ardupilot")
     peer.load(MISSION, raw(waypoints(2)))
     peer.refuses = {6: INVALID}
-    ask = peer.ask
-
-    def lose() -> None:
-        if peer.upload and peer.upload["next"] >= 5 and len(peer.heard("MISSION_COUNT")) == 1:
-            return
-        ask()
-
-    peer.ask = lose  # type: ignore[method-assign]
+    peer.loses = lambda seq: seq >= 5 and len(peer.heard("MISSION_COUNT")) == 1
     with pytest.raises(Refused, match=r"refused item 5 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID") as caught:
         await b.ground.do("mission_upload", items=waypoints(12))
     assert (caught.value.detail["item"], caught.value.detail["in_force"]) == (5, "old")
@@ -72,16 +65,8 @@ async def test_only_what_may_be_refused_is_sent_one_by_one(mission_bench: Missio
     b, peer = await mission_bench("ardupilot")
     peer.load(MISSION, raw(waypoints(2)))
     peer.refuses = {6: INVALID}
-    ask = peer.ask
-
-    def lose() -> None:
-        """Who does not send the items up to 3 unasked is stuck before them."""
-        uploads = len(peer.heard("MISSION_COUNT"))
-        if peer.upload and (peer.upload["next"] in (1, 2, 3) or (peer.upload["next"] >= 5 and uploads == 1)):
-            return
-        ask()
-
-    peer.ask = lose  # type: ignore[method-assign]
+    # Who does not send the items up to 3 unasked is stuck before them.
+    peer.loses = lambda seq: seq in (1, 2, 3) or (seq >= 5 and len(peer.heard("MISSION_COUNT")) == 1)
     with pytest.raises(Refused, match=r"refused item 5 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID"):
         await b.ground.do("mission_upload", items=waypoints(12))
     assert [told.fields["count"] for told in peer.heard("MISSION_COUNT")] == [13, 13, 3]
@@ -113,12 +98,8 @@ async def test_an_item_that_was_sent_alone_again_is_not_the_one_refused(mission_
     b, peer = await mission_bench("ardupilot", pace=TransferTimes(reply=0.1, shortest=0.1, longest=0.15))
     peer.load(MISSION, raw(waypoints(2)))
     peer.refuses = {6: INVALID}
-    ask, take, held, first = peer.ask, peer.on_mission_item_int, list[Told](), list[Told]()
-
-    def lose() -> None:
-        if peer.upload and peer.upload["next"] >= 6 and len(peer.heard("MISSION_COUNT")) == 1:
-            return
-        ask()
+    peer.loses = lambda seq: seq >= 6 and len(peer.heard("MISSION_COUNT")) == 1
+    take, held, first = peer.on_mission_item_int, list[Told](), list[Told]()
 
     async def insist(told: Told) -> None:
         while len(first) < 2:
@@ -141,7 +122,7 @@ async def test_an_item_that_was_sent_alone_again_is_not_the_one_refused(mission_
                 take(each)
 
     asking: list[asyncio.Task[None]] = []
-    peer.ask, peer.on_mission_item_int = lose, delay  # type: ignore[method-assign]
+    peer.on_mission_item_int = delay  # type: ignore[method-assign]
     with pytest.raises(Refused, match=r"refused item 5 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID") as caught:
         await b.ground.do("mission_upload", items=waypoints(12))
     assert (caught.value.detail["item"], caught.value.detail["in_force"]) == (5, "old")
@@ -154,8 +135,7 @@ async def test_what_refuses_no_item_is_not_asked_which_it_is(mission_bench: Miss
     b, peer = await mission_bench("ardupilot")
     peer.load(MISSION, raw(waypoints(2)))
     peer.refuses = {6: result}
-    ask = peer.ask
-    peer.ask = lambda: None if peer.upload and peer.upload["next"] >= 5 else ask()  # type: ignore[method-assign]
+    peer.loses = lambda seq: seq >= 5
     with pytest.raises(Refused, match="the autopilot refused the mission: ") as caught:
         await b.ground.do("mission_upload", items=waypoints(12))
     name = {DENIED: "MAV_MISSION_DENIED", CANCELLED: "MAV_MISSION_OPERATION_CANCELLED"}[result]
@@ -171,8 +151,7 @@ async def test_the_last_requests_are_lost(mission_bench: MissionBench, count: in
     """Or overtaken by the acknowledgement, or that is lost, too: everything is there, and is not sent again."""
     b, peer = await mission_bench("ardupilot")
     peer.silent_at_end = silent
-    ask = peer.ask
-    peer.ask = lambda: None if peer.upload and peer.upload["next"] > count - lost else ask()  # type: ignore[method-assign]
+    peer.loses = lambda seq: seq > count - lost
     outcome = await b.ground.do("mission_upload", items=waypoints(count))
     assert (outcome.result["count"], outcome.result["known_by"]) == (count, "read back")
     assert peer.stored() == raw(waypoints(count))

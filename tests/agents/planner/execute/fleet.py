@@ -17,6 +17,7 @@ import zenoh
 import zmav
 from tests.conftest import endpoint_of
 from tests.descents import COPTER_DOWN
+from tests.waiting import Watcher
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import ZmavError
@@ -69,20 +70,12 @@ class Fleet:
             await vehicle.goto(pos=place)
 
 
-class Watch:
+class Watch(Watcher):
     """Where everybody truly is, many times a second, as long as the ``async with`` lasts."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
         self.rows: list[tuple[float, dict[str, wire.Vector]]] = []
-
-    async def __aenter__(self) -> Watch:
-        self._task = asyncio.create_task(self._look())
-        return self
-
-    async def __aexit__(self, *exc: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
 
     async def _look(self) -> None:
         while True:
