@@ -111,6 +111,7 @@ async def linked(ground: Ground, *asked: str) -> None:
 async def test_orders_are_answered_while_every_question_waits(bench: StartBench) -> None:
     b = await (await bench()).connected()
     held, asker = Held(b.vehicle.questions), Asker(b.ground.session)
+    b.vehicle.questions.given_up = PATIENCE_S  # the asker waits that long
     await held.hold(asker)
     asked = [keys.STATE, keys.BODY, keys.RATES, keys.HOST, keys.PARAMS]
     for _ in range(FLOOD):
