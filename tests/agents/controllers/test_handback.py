@@ -21,32 +21,36 @@ SLACK = 1.1
 """the autopilot's own loops overshoot what they ask for"""
 
 
-WAYS: tuple[tuple[type[Ev1 | Ev2 | Ev1Attitude], int], ...] = ((Ev1, 20), (Ev2, 15), (Ev1Attitude, 10))
-"""what flies, and how often it is switched back"""
+TIMES = 5
+"""that each is switched back"""
+WAYS: tuple[type[Ev1 | Ev2 | Ev1Attitude], ...] = (Ev1,) * 4 + (Ev2,) * 3 + (Ev1Attitude,) * 2
+"""what flies"""
 
 
-def switched_back(craft: Hexarotor, kind: type[Ev1 | Ev2 | Ev1Attitude], times: int) -> Cycles[float]:
+def switched_back(craft: Hexarotor, way: int) -> Cycles[float]:
     """Fly it; the most that it leant before a switch, rad."""
-    moments, controller, around, leant = random.Random(9), Stack(kind()), circle(3.0, 4.0, height=20.0), 0.0
+    kind, moments, around, leant = WAYS[way], random.Random(way), circle(3.0, 4.0, height=20.0), 0.0
+    controller = Stack(kind())
     yield from craft.fly_autopilot(around, 3.0, controller)
-    for moment in range(times):
+    for moment in range(TIMES):
         before = yield from craft.fly(controller, around, moments.uniform(0.3, 1.5))
         leant = max(leant, float(before.lean().max()))
         after = yield from craft.hand_back(1.5)
-        upset = f"{kind.__name__}, moment {moment}"
+        upset = f"{kind.__name__}, way {way}, moment {moment}"
         # What it was handed over with is no fault of the autopilot's; from there it only gets better.
         assert after.lean().max() < max(LEAN_MOST, float(before.lean()[-1])) * SLACK, upset
         handed = float(np.abs(before.rates[-1][:2]).max())
         assert np.abs(after.rates[:, :2]).max() < max(RATE_MOST, handed) * SLACK, upset
         assert abs(after.pos[-1, 2] - before.pos[-1, 2]) < 2.0, upset
-        assert np.linalg.norm(after.vel[-1]) < 1.5, upset
+        fast = float(np.linalg.norm(before.vel[-1]))  # back in the chase of its circle up to 6 m/s
+        assert np.linalg.norm(after.vel[-1]) < max(1.5, fast - 3.0), upset
     return leant
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)  # it computes for 20 s where nothing else runs
+@pytest.mark.timeout(300)  # it computes for 8 s where nothing else runs
 def test_switches_back_in_aggressive_flight() -> None:
     weather = {"wind": (4.0, 0.0, 0.0), "gusts": "light", "noise": "typical", "seed": 5}
     with Flight(**weather, slow=10, height=20.0, ways=len(WAYS)) as flight:  # type: ignore[arg-type]
-        leant = flight.together([switched_back(flight[way], *each) for way, each in enumerate(WAYS)])
+        leant = flight.together([switched_back(flight[way], way) for way in range(len(WAYS))])
     assert min(leant) > math.radians(20.0), "nothing about that flight was aggressive"
