@@ -29,13 +29,12 @@ from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.leased_vehicles import Again, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
-from agents.planner.live.plan import MOST_APART, Planned, Planner
+from agents.planner.live.plan import MOST_APART, SOON, Margins, Planned, Planner
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
 from agents.planner.live.resting import COMING
 from agents.planner.live.scenes import moved
-from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import Motion, MovingObstacle
@@ -46,14 +45,8 @@ SETTLE = 90.0
 """s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
 LASTING = 60.0
 """s that a segment may last"""
-SILENCE = 60.0
-"""s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
-PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
-"""kinds of errors of plans that an aircraft may be the cause of"""
-SOON = 1.0
-"""s between two tries to plan where there was no room, or no solver"""
-MOST_TRIES = 3
-"""deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
+MOST_REFUSED = 3
+"""plans that nobody can begin to fly, after which there is no other"""
 
 
 class Run:
@@ -269,7 +262,7 @@ class Run:
                 outcome = await self._flown(leased, flown, step.text, share, again)
             except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
                 refused += 1
-                if refused == MOST_TRIES:
+                if refused == MOST_REFUSED:
                     raise
                 missing |= leased.gone
                 self._go_without(missing)
@@ -348,33 +341,15 @@ class Run:
         self._state("flying", "follows")
 
     async def _planned(self, leased: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
-        """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
-        not heard and in the way, and aircraft that pass.
-        """
-        tries, begun = 0, time.monotonic()
-        while True:
-            margins = await leased.margins()
-            try:
-                planned = await self.planner.next_to(step, view, margins)
-                if planned.before:
-                    text = f"{self.entry.id}: first they draw apart: {planned.before}"
-                    self.context.say("room", "notice", text, goal=self.entry.id)
-                return planned
-            except PlanError as e:
-                others = sorted({goal for goal, _, _ in self.context.airspace.others(self.context.kin(self.entry.id))})
-                patient = time.monotonic() < begun + SILENCE
-                passing = [each.name for each in self.context.world.traffic] if e.kind in PASSES else []
-                silent = sorted([*self.context.fleet.hearing().unheard, *passing]) if patient else []
-                if not (others or silent) or e.kind == "invalid_scene":
-                    raise
-                self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")
-            except SolverDied as e:
-                tries += 1
-                if tries > MOST_TRIES:
-                    raise
-                self.text(f"planned again: {e.message}")
-            await asyncio.sleep(SOON)
+        async def margins() -> Margins:
             self.check_stopped()
+            return await leased.margins()
+
+        planned = await self.planner.patiently(step, view, margins, self.text)
+        if planned.before:
+            text = f"{self.entry.id}: first they draw apart: {planned.before}"
+            self.context.say("room", "notice", text, goal=self.entry.id)
+        return planned
 
     async def _flown(
         self,

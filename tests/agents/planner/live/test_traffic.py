@@ -6,14 +6,20 @@ import asyncio
 import contextlib
 import math
 import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import zmav
 from agents.planner.cli.asking import books, find
+from agents.planner.goals.steps import FleetView, PlanTo
+from agents.planner.live.fleet import Hearing
+from agents.planner.live.plan import SOON, Margins, Planned, Planner
 from agents.planner.live.settings import PlannerSettings
-from agents.planner.live.traffic import MOST, TrafficWatch
+from agents.planner.live.traffic import MOST, RENEWED, TrafficWatch
 from agents.planner.live.world import World
+from agents.planner.model.errors import PlanError
 from ground.traffic.feeds import Feed
 from ground.traffic.program import TrafficProgram, TrafficSettings
 from tests.agents.planner.execute.fleet import ORIGIN
@@ -51,7 +57,7 @@ def test_an_aircraft_is_a_ball_that_moves_and_grows_with_its_age() -> None:
     watch, world = TrafficWatch(100.0), World()
     watch.hear(told(craft(1, 1000.0)))
     now = time.monotonic()
-    young, old = (watch.obstacles([state()], now + age, 100.0)[0].what for age in (0.0, 10.0))
+    young, old = (watch.obstacles([state()], now + age, 100.0)[0].obstacle.what for age in (0.0, 10.0))
     assert isinstance(young, swarm.Ball)
     assert isinstance(old, swarm.Ball)
     assert young.center == pytest.approx((1000.0, 0.0, -50.0), abs=10.0)
@@ -65,12 +71,72 @@ def test_an_aircraft_is_a_ball_that_moves_and_grows_with_its_age() -> None:
     assert watch.obstacles([state()], now + 60.0, 100.0) == []
 
 
+def test_a_plan_keeps_clear_of_what_an_aircraft_grows_to_until_it_is_heard_again() -> None:
+    """Else it would be stopped within a second, and made again, and again."""
+    watch, world = TrafficWatch(100.0), World()
+    watch.hear(told(craft(1, 1000.0)))
+    now = time.monotonic()
+
+    def radii(lasting: bool) -> list[float]:
+        return [mover.radius for mover in world.pieces(100.0, lasting).movers]
+
+    world.traffic = watch.obstacles([state()], now, 100.0)
+    assert radii(True) == radii(False), "its height is off by more"
+    world.traffic = watch.obstacles([state()], now + 3.0, 100.0)
+    planned, flown = radii(True), radii(False)
+    world.traffic = watch.obstacles([state()], now + 3.0 + RENEWED, 100.0)
+    assert radii(False) == pytest.approx(planned, abs=0.01)
+    assert planned[0] == pytest.approx(flown[0] + 40.0, abs=1.0), "two fifths of its speed"
+
+
+class Stubborn(Planner):
+    """Has no plan while the aircraft is there, and takes longer to find that out each time."""
+
+    def __init__(self, world: World, *takes: float) -> None:
+        context = SimpleNamespace(
+            world=world,
+            kin=lambda goal: set(),
+            airspace=SimpleNamespace(others=lambda kin: []),
+            fleet=SimpleNamespace(hearing=lambda: Hearing(frozenset(), frozenset())),
+        )
+        super().__init__(context, "g1-1", SimpleNamespace())  # type: ignore[arg-type]
+        self.takes, self.tried = list(takes), list[float]()
+
+    async def next_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
+        self.tried.append(time.monotonic())
+        await asyncio.sleep(self.takes.pop(0))
+        raise PlanError("unreachable", ["quad1"], "no way")
+
+
+async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time took all of a processor, which other goals' plans wait for."""
+    watch, world, now, said = TrafficWatch(100.0), World(), 0.0, list[str]()
+    watch.hear(told(craft(1, 1000.0)))
+    world.traffic = watch.obstacles([state()], time.monotonic(), 100.0)
+
+    async def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    planner = Stubborn(world, 0.1, 15.0, 5.0, 40.0)
+
+    async def margins() -> Margins:
+        return [(0.5, 1.0)]
+
+    with pytest.raises(PlanError, match="no way"):
+        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), FleetView({}), margins, said.append)
+    assert planner.tried == pytest.approx([0.0, 0.1 + SOON, 16.1 + 15.0, 36.1 + 5.0])
+    assert said == ["waits for room beside traffic 000001: no way"] * 3
+
+
 def test_what_is_far_or_stands_is_no_obstacle_and_the_nearest_are_few() -> None:
     watch = TrafficWatch(100.0)
     far, rolls = craft(1, 20_000.0), craft(2, 500.0, ground=True)
     watch.hear(told(far, rolls, *(craft(3 + i, 1000.0 + i) for i in range(25, 0, -1))))
     found = watch.obstacles([state()], time.monotonic(), 0.0)
-    assert [each.name for each in found] == [f"traffic {4 + i:06x}" for i in range(MOST)]
+    assert [each.obstacle.name for each in found] == [f"traffic {4 + i:06x}" for i in range(MOST)]
     assert watch.obstacles([], time.monotonic(), 0.0) == []
 
 
@@ -78,8 +144,8 @@ def test_a_height_that_is_not_known_is_the_vehicles_own() -> None:
     watch = TrafficWatch(100.0)
     watch.hear(told(craft(1, 500.0, alt=None, velocity=None)))
     (found,) = watch.obstacles([state()], time.monotonic(), 0.0)
-    assert isinstance(found.what, swarm.Ball)
-    assert found.what.center[2] == pytest.approx(-10.0)
+    assert isinstance(found.obstacle.what, swarm.Ball)
+    assert found.obstacle.what.center[2] == pytest.approx(-10.0)
 
 
 def test_none_are_kept_clear_of_where_the_settings_say_so() -> None:
