@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
-from agents.planner.execute.rows import SAME, Home, ahead, head_of, knot, standing
+from agents.planner.execute.rows import SAME, ahead, head_of, knot, standing
 from agents.planner.execute.track import CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats, places_at
 from zmav.wire.state import Severity
 
 if TYPE_CHECKING:
     from agents.planner.returning.keeper import ReturnKeeper
+    from agents.planner.returning.ways import Way
 
 START = 2.0
 """s from the first commit until the plan begins: for everybody to hear it"""
@@ -79,8 +80,8 @@ class Send(NamedTuple):
     entry: Entry
     rows: Floats
     deadline: float
-    home: Home | None = None
-    """what it does by itself if nothing comes after this"""
+    home: Way | None = None
+    """what it flies by itself if nothing comes after this"""
 
 
 @dataclass

@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 import zmav
 from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
-from agents.planner.execute.flight import SLACK, TRACKING, Flight, Outcome, Replan, Say, Trouble, margin_for
+from agents.planner.execute.flight import SLACK, Flight, Outcome, Replan, Say, Trouble, margin_for
 from agents.planner.execute.following import Following
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
@@ -24,6 +24,7 @@ from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 if TYPE_CHECKING:
     from agents.planner.returning.keeper import ReturnKeeper
 
+Own = TypeVar("Own", bound="Executor")
 TICK = 0.1
 """s between two looks at everything"""
 NEWS = 0.5
@@ -72,7 +73,6 @@ class Executor:
         names: Iterable[str],
         *,
         holder: str = "planner",
-        tracking: float = TRACKING,
         say: Say = lambda kind, severity, text, detail: None,
         replan: Replan | None = None,
         clock: Clock | None = None,
@@ -87,14 +87,14 @@ class Executor:
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
         self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
-        self._say, self._replan, self.tracking, self._homes = say, replan, tracking, homes
+        self._say, self._replan, self._homes = say, replan, homes
         self.followings = {name: (followings or {}).get(name) or Following() for name in self.commands}
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None
         self._ghosts: list[Part] = []
         self._paused = False
 
-    async def __aenter__(self) -> Executor:
+    async def __aenter__(self: Own) -> Own:
         taking = [asyncio.create_task(self._take(command)) for command in self.commands.values()]
         try:
             for taken in asyncio.as_completed(taking):
@@ -238,7 +238,7 @@ class Executor:
     def _part(self, name: str, flight: Flight, now: float, led: Mapping[str, Floats]) -> Part:
         """``led``: where the plan before has brought those to rest that were heard just now or not."""
         track = Track(flight.motions[name])
-        tracking = self.tracking if flight.tracking is None else flight.tracking
+        tracking = flight.tracking
         command = self.commands.get(name)
         if command is None:
             raise Refused(f"{name} is not under this executor's lease", vehicle=name)

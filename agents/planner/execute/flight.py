@@ -29,8 +29,8 @@ class Flight:
     downwash: float = 1.0
     margin: float = TRACKING + SLACK
     """m by which each vehicle's radius was widened when the plan was made and verified"""
-    tracking: float | None = None
-    """m that vehicles may be off their trajectories in it; None: the executor's own"""
+    tracking: float = TRACKING
+    """m that vehicles may be off their trajectories in it"""
     movers: Sequence[MovingObstacle] = ()
     """on our UTC"""
     tolerance: float = 0.5

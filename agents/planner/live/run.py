@@ -93,7 +93,7 @@ class Run:
         self.stopping = why or "stopped"
         self._goes.set()  # a new plan that waits for the end of a pause is not made any more
         if self.flying is not None:
-            self.flying.stop(self.stopping)
+            self.flying.halt(self.stopping)
         else:
             self._task.cancel()
 
@@ -186,7 +186,7 @@ class Run:
         self._begun = True
         self._lanes = next((dict(step.motions) for step in steps if isinstance(step, Fly)), {})
         async with LeasedVehicles(self) as leased:
-            if silent := set(leased.executor.left):  # no answer: they stay where they rest
+            if silent := set(leased.left):  # no answer: they stay where they rest
                 self._go_without(silent)
                 lost |= silent
                 self.context.say(
@@ -222,7 +222,8 @@ class Run:
         if isinstance(step, PlanTo):
             return await self._plan_and_fly(leased, step, share)
         if isinstance(step, Fly):
-            return await self._fly_prepared(leased, step, share)
+            async with Cameras(self, leased, step.pictures):
+                return await self._fly_motions(leased, step, share)
         if isinstance(step, Orders):
             self._state("flying", step.text or "carries out orders")
             await carry_out(self, leased, step, gone)
@@ -280,10 +281,6 @@ class Run:
             made += 1
             if made > MOST_APART:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
-
-    async def _fly_prepared(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
-        async with Cameras(self, leased, step.pictures):
-            return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         missing = set[str]()

@@ -82,9 +82,9 @@ class Tracking:
 
     # As whatever is flown is told: it looks for itself, within a tick.
 
-    def stop(self, why: str = "") -> None: ...
+    def halt(self, why: str = "") -> None: ...
 
-    pause = resume = refresh = world_changed = stop
+    pause = resume = refresh = world_changed = halt
 
     @property
     def committed(self) -> list[MovingObstacle]:
@@ -145,7 +145,7 @@ class Tracking:
         margin = self._leased.tracking + body.speed * error
         part = Part(name, Track(np.array([[0.0, *place]])), body.radius, body.accel, margin, command.offset)
         part.heard, part.error, part.instance = now, error, command.instance
-        part.follows(self._leased.executor.followings[name])
+        part.follows(self._leased.followings[name])
         return part
 
     def next(self, part: Part, now: float) -> Send | None:

@@ -124,7 +124,7 @@ class Keeping(planning.Planner):
         """``views``: everybody, as heard now."""
         worker = SolverProcess(None)  # type: ignore[arg-type]
 
-        async def do(job: jobs.Job) -> Any:
+        async def do(job: jobs.Job[Any]) -> Any:
             if isinstance(job, jobs.Resolve):
                 return resolve(job.goal, job.view, job.scene, None, job.floor)
             return worker.do(job)
