@@ -40,9 +40,9 @@ SILENCE = 60.0
 """s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
 PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
 """kinds of errors of plans that an aircraft may be the cause of"""
-SOON = 1.0
-"""s between two tries to plan where there was no room, or no solver, at least; and as long as the try before took: what
-takes long to be refused is refused again, and others wait for the solver, too"""
+SOON, LATER = 1.0, 5.0
+"""s between two tries to plan where there was no room, or no solver, at least and at most; in between as long as the
+try before took: what takes long to be refused is refused again, and others wait for the solver, too"""
 MOST_DEATHS = 3
 """of the solver, after which a plan is given up: it dies of it"""
 LAYER = 30.0
@@ -159,7 +159,7 @@ class Planner:
                 if deaths > MOST_DEATHS:
                     raise
                 say(f"planned again: {e.message}")
-            await asyncio.sleep(max(SOON, time.monotonic() - tried))
+            await asyncio.sleep(min(max(SOON, time.monotonic() - tried), LATER))
 
     @property
     def _usual(self) -> Margins:

@@ -14,7 +14,7 @@ from zmav.wire import Vector, swarm
 MOST, WITHIN_M = 16, 10_000.0
 """aircraft that are kept clear of, the nearest, and m from a vehicle within which: of 60 m/s some three minutes"""
 
-RENEWED = 2.0
+RENEWED = 1.0
 """s until an aircraft is heard again, mostly: it may have turned by then"""
 
 
