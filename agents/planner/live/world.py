@@ -15,6 +15,7 @@ from agents.planner.live.checks import MOST_OBSTACLES
 from agents.planner.live.frames import enu
 from agents.planner.model import scene
 from agents.planner.model.problem import MovingObstacle
+from zmav import geo
 from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
@@ -199,9 +200,8 @@ class World:
         obstacle = self.find(name)
         if obstacle is None or not isinstance(obstacle.what, swarm.Ball):
             return None
-        what, dt = obstacle.what, t - obstacle.t
-        place = tuple(p + v * dt for p, v in zip(what.center, what.velocity, strict=True))
-        return (place[0], place[1], place[2]), what.velocity
+        what = obstacle.what
+        return geo.plus(what.center, what.velocity, t - obstacle.t), what.velocity
 
 
 def _is_fence(told: KnownObstacle) -> bool:
