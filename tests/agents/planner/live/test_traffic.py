@@ -15,7 +15,7 @@ import zmav
 from agents.planner.cli.asking import books, find
 from agents.planner.goals.steps import FleetView, PlanTo
 from agents.planner.live.fleet import Hearing
-from agents.planner.live.plan import SOON, Margins, Planned, Planner
+from agents.planner.live.plan import LATER, SOON, Margins, Planned, Planner
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.traffic import MOST, RENEWED, TrafficWatch
 from agents.planner.live.world import World
@@ -86,7 +86,7 @@ def test_a_plan_keeps_clear_of_what_an_aircraft_grows_to_until_it_is_heard_again
     planned, flown = radii(True), radii(False)
     world.traffic = watch.obstacles([state()], now + 3.0 + RENEWED, 100.0)
     assert radii(False) == pytest.approx(planned, abs=0.01)
-    assert planned[0] == pytest.approx(flown[0] + 40.0, abs=1.0), "two fifths of its speed"
+    assert planned[0] == pytest.approx(flown[0] + 20.0 * RENEWED, abs=1.0), "two fifths of its speed"
 
 
 class Stubborn(Planner):
@@ -120,14 +120,14 @@ async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: p
 
     monkeypatch.setattr(time, "monotonic", lambda: now)
     monkeypatch.setattr(asyncio, "sleep", sleep)
-    planner = Stubborn(world, 0.1, 15.0, 5.0, 40.0)
+    planner = Stubborn(world, 0.1, 15.0, 2.0, 40.0)
 
     async def margins() -> Margins:
         return [(0.5, 1.0)]
 
     with pytest.raises(PlanError, match="no way"):
         await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), FleetView({}), margins, said.append)
-    assert planner.tried == pytest.approx([0.0, 0.1 + SOON, 16.1 + 15.0, 36.1 + 5.0])
+    assert planner.tried == pytest.approx([0.0, 0.1 + SOON, 16.1 + LATER, 23.1 + 2.0])
     assert said == ["waits for room beside traffic 000001: no way"] * 3
 
 
@@ -178,17 +178,17 @@ async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None
         await until(lambda: bool(agent.context.world.traffic), "the aircraft that is far", PATIENCE_S)
         planner = await find(me)
         north, east, down = fleet.places()["quad1"]
-        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 150.0, east, down)])
+        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 110.0, east, down)])
         name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
 
         def flies() -> bool:
             return fleet.places()["quad1"][0] - north > 15.0
 
         await until(flies, "the copter on its way", PATIENCE_S)
-        # It comes from the west, and crosses the way some 115 m ahead, about when the copter would be there: where that
+        # It comes from the west, and crosses the way some 75 m ahead, about when the copter would be there: where that
         # comes to rest it is not in its way, for which there would be no plan before it has passed.
-        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 23.0
-        crossing = MadeUp(0x3C4B12, "CROSS", (north + 130.0, east - v[1] * crosses, down), v)
+        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 15.0
+        crossing = MadeUp(0x3C4B12, "CROSS", (north + 90.0, east - v[1] * crosses, down), v)
         source.aircraft.append(crossing)
         nearest = math.inf
 
