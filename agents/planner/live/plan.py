@@ -20,8 +20,9 @@ from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver, SolverDied
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import Motion
+from agents.planner.model.problem import Motion, places_at
 from agents.planner.model.scene import Scene
+from agents.planner.model.separation import separation
 from agents.planner.model.verify import Report
 from agents.planner.solve.loiter import loiter_radius
 from zmav.errors import BadInput, Refused
@@ -43,6 +44,10 @@ PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
 SOON, LATER = 1.0, 5.0
 """s between two tries to plan where there was no room, or no solver, at least and at most; in between as long as the
 try before took: what takes long to be refused is refused again, and others wait for the solver, too"""
+OVER = 15.0
+"""s before an aircraft passes where a vehicle rests, in which that has no time to fly out of its way: no plan has it
+do so, and all that a solver may try is in vain
+"""
 MOST_DEATHS = 3
 """of the solver, after which a plan is given up: it dies of it"""
 LAYER = 30.0
@@ -144,6 +149,10 @@ class Planner:
         while True:
             wanted = await margins()
             tried = time.monotonic()
+            if tried < begun + SILENCE and (who := self._over(view.pick(step.vehicles))):
+                say(f"waits for room beside {who}: it is about to pass")
+                await asyncio.sleep(SOON)
+                continue
             try:
                 return await self.next_to(step, view, wanted)
             except PlanError as e:
@@ -160,6 +169,19 @@ class Planner:
                     raise
                 say(f"planned again: {e.message}")
             await asyncio.sleep(min(max(SOON, time.monotonic() - tried), LATER))
+
+    def _over(self, views: Sequence[VehicleView]) -> str:
+        """The aircraft that is about to pass too near to where one of these rests; empty: none."""
+        world, downwash = self._context.world, self._context.settings.downwash
+        aircraft = {f"@{each.obstacle.name}": each.obstacle.name for each in world.traffic}
+        for mover in world.pieces(time.time(), lasting=True).movers if aircraft else ():
+            way = np.column_stack(([0.0, OVER], places_at(mover.motion, np.array([0.0, OVER]))))
+            for view in views:
+                rests = np.array([[0.0, *enu(view.pos_ned)]])
+                near = separation(rests, way, downwash, b_leaves=True)[0] < view.body.radius + mover.radius
+                if near and mover.id in aircraft:
+                    return aircraft[mover.id]
+        return ""
 
     @property
     def _usual(self) -> Margins:

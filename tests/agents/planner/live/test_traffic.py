@@ -13,7 +13,7 @@ import pytest
 
 import zmav
 from agents.planner.cli.asking import books, find
-from agents.planner.goals.steps import FleetView, PlanTo
+from agents.planner.goals.steps import FleetView, PlanTo, VehicleView
 from agents.planner.live.fleet import Hearing
 from agents.planner.live.plan import LATER, SOON, Margins, Planned, Planner
 from agents.planner.live.settings import PlannerSettings
@@ -27,6 +27,7 @@ from tests.agents.planner.live.led import led
 from tests.sbs import MadeUp, SbsSource
 from tests.waiting import until
 from zmav import geo, wire
+from zmav.config import body_of
 from zmav.errors import BadInput
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -95,6 +96,7 @@ class Stubborn(Planner):
     def __init__(self, world: World, *takes: float) -> None:
         context = SimpleNamespace(
             world=world,
+            settings=PlannerSettings(),
             kin=lambda goal: set(),
             airspace=SimpleNamespace(others=lambda kin: []),
             fleet=SimpleNamespace(hearing=lambda: Hearing(frozenset(), frozenset())),
@@ -110,9 +112,12 @@ class Stubborn(Planner):
 
 async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each time took all of a processor, which other goals' plans wait for."""
-    watch, world, now, said = TrafficWatch(100.0), World(), 0.0, list[str]()
-    watch.hear(told(craft(1, 1000.0)))
-    world.traffic = watch.obstacles([state()], time.monotonic(), 100.0)
+    world, now, said, near = World(), 0.0, list[str](), []
+    for each in (craft(1, 1000.0), craft(2, 200.0, velocity=(-20.0, 0.0, 0.0))):
+        watch = TrafficWatch(100.0)
+        watch.hear(told(each))
+        near.append(watch.obstacles([state()], time.monotonic(), time.time()))
+    world.traffic = near[0]
 
     async def sleep(seconds: float) -> None:
         nonlocal now
@@ -125,10 +130,24 @@ async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: p
     async def margins() -> Margins:
         return [(0.5, 1.0)]
 
+    fleet = FleetView({"quad1": VehicleView("quad1", "copter", body_of("copter"), (0.0, 0.0, -50.0))})
     with pytest.raises(PlanError, match="no way"):
-        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), FleetView({}), margins, said.append)
+        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, said.append)
     assert planner.tried == pytest.approx([0.0, 0.1 + SOON, 16.1 + LATER, 23.1 + 2.0])
     assert said == ["waits for room beside traffic 000001: no way"] * 3
+    # Nor at all while one is about to pass over who rests, and nobody has time to fly out of its way.
+    begun, said, planner.takes, planner.tried = now, list[str](), [0.1], []
+
+    def passes(text: str) -> None:
+        said.append(text)
+        if len(said) == 3:
+            world.traffic = []
+
+    world.traffic = near[1]
+    with pytest.raises(PlanError, match="no way"):
+        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, passes)
+    assert said == ["waits for room beside traffic 000002: it is about to pass"] * 3
+    assert planner.tried == pytest.approx([begun + 3.0 * SOON])
 
 
 def test_what_is_far_or_stands_is_no_obstacle_and_the_nearest_are_few() -> None:
@@ -178,17 +197,17 @@ async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None
         await until(lambda: bool(agent.context.world.traffic), "the aircraft that is far", PATIENCE_S)
         planner = await find(me)
         north, east, down = fleet.places()["quad1"]
-        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 110.0, east, down)])
+        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 130.0, east, down)])
         name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
 
         def flies() -> bool:
             return fleet.places()["quad1"][0] - north > 15.0
 
         await until(flies, "the copter on its way", PATIENCE_S)
-        # It comes from the west, and crosses the way some 75 m ahead, about when the copter would be there: where that
+        # It comes from the west, and crosses the way some 95 m ahead, about when the copter would be there: where that
         # comes to rest it is not in its way, for which there would be no plan before it has passed.
-        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 15.0
-        crossing = MadeUp(0x3C4B12, "CROSS", (north + 90.0, east - v[1] * crosses, down), v)
+        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 19.0
+        crossing = MadeUp(0x3C4B12, "CROSS", (north + 110.0, east - v[1] * crosses, down), v)
         source.aircraft.append(crossing)
         nearest = math.inf
 
