@@ -63,8 +63,9 @@ class Planner:
         return found
 
     async def order(self, verb: str, order: wire.Order) -> dict[str, Any]:
-        """What comes of it; raises its typed error, or :class:`TimedOut` when it is silent."""
-        return await _ask(self._z, self.name, verb, order)
+        """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
+        order, z = msgspec.structs.replace(order, id=uuid.uuid4().hex), self._z
+        return await order_planner(z, z.fleet_name, self.name, verb, order, answer_s=ANSWER, silent=3, ends=math.inf)
 
 
 async def find(z: zmav.Client) -> Planner:
@@ -79,13 +80,7 @@ async def find(z: zmav.Client) -> Planner:
         raise Refused(text, standby=others)
     if found is None:
         raise NoSuchVehicle(NOBODY.format(fleet=fleet), fleet=fleet)
-    return Planner(z, await _ask(z, found[1], "status", wire.Order()))
-
-
-async def _ask(z: zmav.Client, planner: str, verb: str, order: wire.Order) -> dict[str, Any]:
-    """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
-    order = msgspec.structs.replace(order, id=uuid.uuid4().hex)
-    return await order_planner(z, z.fleet_name, planner, verb, order, answer_s=ANSWER, silent=3, ends=math.inf)
+    return Planner(z, await Planner(z, {"planner": found[1]}).order("status", wire.Order()))
 
 
 async def planners(z: zmav.Client) -> list[str]:

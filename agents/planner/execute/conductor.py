@@ -126,8 +126,6 @@ class Conductor:
         self.said: list[Saying] = []
         self.blocked: dict[str, str] = {}
         """who waits for whom"""
-        self.worst: dict[str, float] = {}
-        """m that each was off its trajectory at most"""
         self.line = CommonClock(now + START, 0.0)
         self._order = Order(self.parts, downwash)
         self._slope = 1.0 / max([1.0, *(part.track.speed / (0.6 * part.accel) for part in self.parts)])
@@ -202,7 +200,6 @@ class Conductor:
                 self.delay(part, part.following.late, now)
         meant = [np.linalg.norm(place - places_at(entry.samples, at)) for entry in part.entries]
         off = float(min(meant))
-        self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error
         if self._source is not None:
             return off  # it is led to where it shall be anyhow

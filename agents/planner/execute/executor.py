@@ -193,7 +193,7 @@ class Executor:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
         where a vehicle is not at its start, its clock is not known well enough, or the plan has too little margin.
         """
-        begun, replans, missed = self.clock.now(), 0, 0
+        replans = missed = 0
         self._ghosts, self._hurry = [], False
         try:
             while True:
@@ -203,10 +203,10 @@ class Executor:
                     reason = await self._arrived(flight, conductor)
                     missed += 1
                     if not reason or missed > MISSES:
-                        return self._ended(reason, flight, conductor, begun, replans)
+                        return self._ended(reason, flight, conductor, replans)
                 again = await self._ask(conductor, reason)
                 if again is None:
-                    return self._ended(reason, flight, conductor, begun, replans)
+                    return self._ended(reason, flight, conductor, replans)
                 flight, replans = again, replans + 1
         finally:
             await self._settled()
@@ -330,11 +330,9 @@ class Executor:
         back = await self._gathered(conductor)
         self._ghosts += [part for part in conductor.parts if not part.active and part.id not in back]
         places = {part.id: part.known.rows[-1, 1:4].copy() for part in conductor.parts if part.active} | back
-        gone = {}
         for part in self._ghosts:
             part.off = part.off or "lost"
-            place = part.place if part.place is not None else part.latest.rows[-1, 1:4]
-            gone[part.id] = (part.latest.samples, place)
+        gone = {part.id for part in self._ghosts}
         asking = asyncio.ensure_future(self._replan(Trouble(reason, places, gone)))
         try:
             while not asking.done():
@@ -401,10 +399,9 @@ class Executor:
             self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
 
-    def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
-        seconds = self.clock.now() - begun
+    def _ended(self, reason: str, flight: Flight, conductor: Conductor, replans: int) -> Outcome:
         flown = {part.id: part.known.stop for part in conductor.parts}
-        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans, flown)
+        return Outcome(not reason, reason, self._away(flight), replans, flown)
 
     def _away(self, flight: Flight) -> dict[str, float]:
         found = {}

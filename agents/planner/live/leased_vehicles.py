@@ -81,12 +81,8 @@ class LeasedVehicles(Executor):
         self._torn = False
         self._errors: dict[str, float] = {}
         """m that each one's position was taken to be off when what is flown was planned"""
-        self._gone: list[str] = []
-
-    @property
-    def gone(self) -> set[str]:
-        """Who of those that flew the last plan does not fly it any more."""
-        return set(self._gone)
+        self.gone = set[str]()
+        """who of those that flew the last plan does not fly it any more"""
 
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
@@ -126,7 +122,7 @@ class LeasedVehicles(Executor):
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
         """
         run = self._run
-        self._again, self._share, self._gone, self._words = again, share, [], run.entry.text
+        self._again, self._share, self.gone, self._words = again, share, set(), run.entry.text
         if run.goes and not self._torn:  # a pause may have ended while nothing was flown
             self.resume()
         else:
@@ -200,7 +196,7 @@ class LeasedVehicles(Executor):
     async def _plan_again(self, trouble: Trouble) -> Flight | None:
         """The executor asks: everybody that goes on rests."""
         run = self._run
-        self._gone += list(trouble.gone)
+        self.gone |= set(trouble.gone)
         if self._again is None or run.stopping:
             return None
         run.context.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)

@@ -30,12 +30,8 @@ from zmav.waiting import together
 PATIENCE_S = 60.0
 HOME = Home()
 ORIGIN = wire.Origin(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, alt_amsl=HOME.alt_amsl_m)
-QUICK: Mapping[str, Any] = {
-    "params": COPTER_DOWN | {"WPNAV_SPEED_UP": 400.0, "WPNAV_SPEED_DN": 400.0},
-    "body": BodyConfig(climb=3.0, descend=3.0, position_error=0.05),
-}
-"""copters that climb and descend fast, and know where they are, so that their layers are near each other: for flights
-that go up and down a good deal, whose time is the vehicles' own clocks'"""
+NEAR = BodyConfig(position_error=0.05)
+"""of copters that know where they are: what they keep between their layers is little, and so is the way up and down"""
 ROUTER = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
 
 

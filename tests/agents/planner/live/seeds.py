@@ -134,7 +134,7 @@ class Keeping(planning.Planner):
             settings=PlannerSettings(name="seeds", margin=MARGIN, downwash=DOWNWASH, plan_seconds=15.0),
             airspace=nothing,
             kin=lambda goal: (),
-            world=SimpleNamespace(pieces=lambda t: Pieces()),
+            world=SimpleNamespace(pieces=lambda t, lasting: Pieces()),
             fleet=SimpleNamespace(all=lambda: [SimpleNamespace(view=view, age=0.0) for view in views()]),
             homes=SimpleNamespace(movers=lambda *_: ()),
             clocks=SimpleNamespace(clock=SimpleNamespace(now=lambda: 0.0)),

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from tests.agents.planner.execute.fleet import QUICK, Fleet
+from tests.agents.planner.execute.fleet import NEAR, Fleet
 from tests.agents.planner.live.led import Field, led
 from tests.waiting import until
 from zmav.config import Failsafe
@@ -25,7 +25,7 @@ SOON = Failsafe(land_after=3.0, action="land", returns="together")
 
 @contextlib.asynccontextmanager
 async def planned() -> AsyncIterator[Field]:
-    async with led(STARTS, 10.0, failsafe=SOON, **QUICK) as field:
+    async with led(STARTS, 10.0, failsafe=SOON, body=NEAR) as field:
         known, names = field.agent.context.fleet, field.fleet.names
 
         def told() -> bool:
