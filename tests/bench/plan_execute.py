@@ -51,9 +51,10 @@ async def follow(autopilot: str, speed: float, accel: float) -> None:
     starts = [(float(motion[0, 2]), float(motion[0, 1])) for motion in motions.values()]
     along: list[float] = []
     across: list[float] = []
-    async with airborne(starts, 10.0, autopilot=autopilot) as fleet, Executor(fleet.z, fleet.names, tracking=5.0) as ex:
+    async with airborne(starts, 10.0, autopilot=autopilot) as fleet, Executor(fleet.z, fleet.names) as ex:
         same = dict.fromkeys(motions, 1.0)
-        flying = asyncio.create_task(ex.run(Flight(motions, same, dict.fromkeys(motions, accel), 1.0, margin=6.0)))
+        flight = Flight(motions, same, dict.fromkeys(motions, accel), 1.0, margin=6.0, tracking=5.0)
+        flying = asyncio.create_task(ex.run(flight))
         while not flying.done():
             meant, places = ex.meant(), fleet.places()
             for name, (place, velocity) in meant.items():

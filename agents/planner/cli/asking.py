@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import fnmatch
 import math
-import time
 import uuid
 from collections.abc import AsyncIterator
 from typing import Any
@@ -16,13 +14,14 @@ import zenoh
 
 import zmav
 from zmav import keys, wire
-from zmav.errors import BadInput, NoSuchVehicle, Refused, ZmavError
-from zmav.swarm import order_planner
+from zmav.errors import BadInput, NoSuchVehicle, Refused
+from zmav.swarm import order_planner, planner_in_charge
 from zmav.tokens import find_tokens
 from zmav.wire import swarm
 
-LOOK = 1.5
-"""s that planners' tokens are looked for, and that a session may take to hear of them"""
+LOOK, TAKES_OVER = 2.0, 8.0
+"""s for a planner to say that it is in charge, which it does three times a second, and for tokens; and for one that
+stands by to take charge"""
 ANSWER = 3.0
 NOBODY = (
     "no planner is in charge of fleet {fleet}: start one with 'zmav swarm planner', beside 'zmav router' or 'zmav up'"
@@ -65,33 +64,23 @@ class Planner:
 
     async def order(self, verb: str, order: wire.Order) -> dict[str, Any]:
         """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
-        order = msgspec.structs.replace(order, id=uuid.uuid4().hex)
-        fleet = self._z.fleet_name
-        return await order_planner(self._z, fleet, self.name, verb, order, answer_s=ANSWER, silent=3, ends=math.inf)
+        order, z = msgspec.structs.replace(order, id=uuid.uuid4().hex), self._z
+        return await order_planner(z, z.fleet_name, self.name, verb, order, answer_s=ANSWER, silent=3, ends=math.inf)
 
 
 async def find(z: zmav.Client) -> Planner:
-    """The planner in charge; raises :class:`NoSuchVehicle` where there is none, saying what to do."""
-    if z.fleet_name == "*":
+    """The planner in charge, by its own word; raises :class:`NoSuchVehicle` where there is none, saying what to do."""
+    fleet = z.fleet_name
+    if fleet == "*":
         raise BadInput("say which fleet: --fleet NAME", field="fleet", value="*", expected="one fleet")
-    deadline, standing_by = time.monotonic() + LOOK, list[str]()
-    while True:
-        answers = [await _status(z, name) for name in await planners(z)]
-        statuses = [answer for answer in answers if isinstance(answer, dict)]
-        chiefs = [status for status in statuses if status.get("in_charge")]
-        if chiefs:
-            return Planner(z, max(chiefs, key=lambda status: (status.get("term", 0), status.get("instance", ""))))
-        for answer in answers:
-            if isinstance(answer, ZmavError):
-                raise answer
-        standing_by = [str(status.get("planner")) for status in statuses]
-        if time.monotonic() > deadline + (8.0 if standing_by else 0.0):
-            break
-        await asyncio.sleep(0.25)
-    if standing_by:
-        text = f"{', '.join(standing_by)}: standing by, and nobody is in charge yet; ask again in a few seconds"
-        raise Refused(text, standby=standing_by)
-    raise NoSuchVehicle(NOBODY.format(fleet=z.fleet_name), fleet=z.fleet_name)
+    found = await planner_in_charge(z, fleet, LOOK)
+    others = await planners(z) if found is None else []
+    if others and (found := await planner_in_charge(z, fleet, TAKES_OVER)) is None:
+        text = f"{', '.join(others)}: standing by, and nobody is in charge yet; ask again in a few seconds"
+        raise Refused(text, standby=others)
+    if found is None:
+        raise NoSuchVehicle(NOBODY.format(fleet=fleet), fleet=fleet)
+    return Planner(z, await Planner(z, {"planner": found[1]}).order("status", wire.Order()))
 
 
 async def planners(z: zmav.Client) -> list[str]:
@@ -99,18 +88,6 @@ async def planners(z: zmav.Client) -> list[str]:
     key = keys.ALIVE.key(z.fleet_name, "*", role="planner", sys=0, autopilot="*", uid="-", instance="*")
     tokens = await asyncio.to_thread(find_tokens, z.session, key, LOOK)
     return sorted({keys.match(token)[1]["vehicle"] for token in tokens})
-
-
-async def _status(z: zmav.Client, name: str) -> dict[str, Any] | ZmavError | None:
-    """What one of them says of itself, or why it does not; None: no answer."""
-    key = keys.SWARM.key(z.fleet_name, name, verb="status")
-    answers = await z.ask(key, wire.encode(wire.Order()), ANSWER, keys.SWARM)
-    for answer in answers:
-        if isinstance(answer, ZmavError):
-            return answer
-        with contextlib.suppress(BadInput):
-            return wire.decode(answer.payload, wire.Outcome, f"status of {name}").result
-    return None
 
 
 async def books(z: zmav.Client, silence: float) -> AsyncIterator[swarm.Book | None]:

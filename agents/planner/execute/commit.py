@@ -285,13 +285,13 @@ class Order:
 
 
 @jit
-def _dependencies(places: Floats, needs: Floats, steps: Floats, abreast: int) -> NDArray[np.int16]:
+def _dependencies(places: Floats, needs: Floats, steps: Floats, abreast: int) -> NDArray[np.int32]:
     """(N, N, M): the last moment at which another is where ``k`` is at some later moment up to this one; -1: never.
 
     ``steps``: m that each goes from moment to moment at most, so that those far apart need few looks.
     """
     n, count = places.shape[0], places.shape[1]
-    found = np.full((n, n, count), -1, dtype=np.int16)
+    found = np.full((n, n, count), -1, dtype=np.int32)  # 16 bits would end after 8191 s
     for k in range(n):
         for i in range(n):
             if i == k:

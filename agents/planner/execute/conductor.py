@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
-from agents.planner.execute.rows import SAME, Home, ahead, head_of, knot, standing
+from agents.planner.execute.rows import SAME, ahead, head_of, knot, standing
 from agents.planner.execute.track import CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats, places_at
 from zmav.wire.state import Severity
 
 if TYPE_CHECKING:
     from agents.planner.returning.keeper import ReturnKeeper
+    from agents.planner.returning.ways import Way
 
 START = 2.0
 """s from the first commit until the plan begins: for everybody to hear it"""
@@ -79,8 +80,8 @@ class Send(NamedTuple):
     entry: Entry
     rows: Floats
     deadline: float
-    home: Home | None = None
-    """what it does by itself if nothing comes after this"""
+    home: Way | None = None
+    """what it flies by itself if nothing comes after this"""
 
 
 @dataclass
@@ -125,8 +126,6 @@ class Conductor:
         self.said: list[Saying] = []
         self.blocked: dict[str, str] = {}
         """who waits for whom"""
-        self.worst: dict[str, float] = {}
-        """m that each was off its trajectory at most"""
         self.line = CommonClock(now + START, 0.0)
         self._order = Order(self.parts, downwash)
         self._slope = 1.0 / max([1.0, *(part.track.speed / (0.6 * part.accel) for part in self.parts)])
@@ -201,7 +200,6 @@ class Conductor:
                 self.delay(part, part.following.late, now)
         meant = [np.linalg.norm(place - places_at(entry.samples, at)) for entry in part.entries]
         off = float(min(meant))
-        self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error
         if self._source is not None:
             return off  # it is led to where it shall be anyhow

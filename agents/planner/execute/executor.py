@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 import zmav
 from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
-from agents.planner.execute.flight import SLACK, TRACKING, Flight, Outcome, Replan, Say, Trouble, margin_for
+from agents.planner.execute.flight import SLACK, Flight, Outcome, Replan, Say, Trouble, margin_for
 from agents.planner.execute.following import Following
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
@@ -24,6 +24,7 @@ from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 if TYPE_CHECKING:
     from agents.planner.returning.keeper import ReturnKeeper
 
+Own = TypeVar("Own", bound="Executor")
 TICK = 0.1
 """s between two looks at everything"""
 NEWS = 0.5
@@ -72,7 +73,6 @@ class Executor:
         names: Iterable[str],
         *,
         holder: str = "planner",
-        tracking: float = TRACKING,
         say: Say = lambda kind, severity, text, detail: None,
         replan: Replan | None = None,
         clock: Clock | None = None,
@@ -87,14 +87,14 @@ class Executor:
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
         self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
-        self._say, self._replan, self.tracking, self._homes = say, replan, tracking, homes
+        self._say, self._replan, self._homes = say, replan, homes
         self.followings = {name: (followings or {}).get(name) or Following() for name in self.commands}
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None
         self._ghosts: list[Part] = []
         self._paused = False
 
-    async def __aenter__(self) -> Executor:
+    async def __aenter__(self: Own) -> Own:
         taking = [asyncio.create_task(self._take(command)) for command in self.commands.values()]
         try:
             for taken in asyncio.as_completed(taking):
@@ -193,7 +193,7 @@ class Executor:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
         where a vehicle is not at its start, its clock is not known well enough, or the plan has too little margin.
         """
-        begun, replans, missed = self.clock.now(), 0, 0
+        replans = missed = 0
         self._ghosts, self._hurry = [], False
         try:
             while True:
@@ -203,10 +203,10 @@ class Executor:
                     reason = await self._arrived(flight, conductor)
                     missed += 1
                     if not reason or missed > MISSES:
-                        return self._ended(reason, flight, conductor, begun, replans)
+                        return self._ended(reason, flight, conductor, replans)
                 again = await self._ask(conductor, reason)
                 if again is None:
-                    return self._ended(reason, flight, conductor, begun, replans)
+                    return self._ended(reason, flight, conductor, replans)
                 flight, replans = again, replans + 1
         finally:
             await self._settled()
@@ -238,7 +238,7 @@ class Executor:
     def _part(self, name: str, flight: Flight, now: float, led: Mapping[str, Floats]) -> Part:
         """``led``: where the plan before has brought those to rest that were heard just now or not."""
         track = Track(flight.motions[name])
-        tracking = self.tracking if flight.tracking is None else flight.tracking
+        tracking = flight.tracking
         command = self.commands.get(name)
         if command is None:
             raise Refused(f"{name} is not under this executor's lease", vehicle=name)
@@ -330,11 +330,9 @@ class Executor:
         back = await self._gathered(conductor)
         self._ghosts += [part for part in conductor.parts if not part.active and part.id not in back]
         places = {part.id: part.known.rows[-1, 1:4].copy() for part in conductor.parts if part.active} | back
-        gone = {}
         for part in self._ghosts:
             part.off = part.off or "lost"
-            place = part.place if part.place is not None else part.latest.rows[-1, 1:4]
-            gone[part.id] = (part.latest.samples, place)
+        gone = {part.id for part in self._ghosts}
         asking = asyncio.ensure_future(self._replan(Trouble(reason, places, gone)))
         try:
             while not asking.done():
@@ -401,10 +399,9 @@ class Executor:
             self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
 
-    def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
-        seconds = self.clock.now() - begun
+    def _ended(self, reason: str, flight: Flight, conductor: Conductor, replans: int) -> Outcome:
         flown = {part.id: part.known.stop for part in conductor.parts}
-        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans, flown)
+        return Outcome(not reason, reason, self._away(flight), replans, flown)
 
     def _away(self, flight: Flight) -> dict[str, float]:
         found = {}

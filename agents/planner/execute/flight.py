@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,8 +29,8 @@ class Flight:
     downwash: float = 1.0
     margin: float = TRACKING + SLACK
     """m by which each vehicle's radius was widened when the plan was made and verified"""
-    tracking: float | None = None
-    """m that vehicles may be off their trajectories in it; None: the executor's own"""
+    tracking: float = TRACKING
+    """m that vehicles may be off their trajectories in it"""
     movers: Sequence[MovingObstacle] = ()
     """on our UTC"""
     tolerance: float = 0.5
@@ -50,8 +50,8 @@ class Trouble:
     reason: str
     places: Mapping[str, Floats]
     """those who go on: at rest at these places (ENU), from which a new plan starts"""
-    gone: Mapping[str, tuple[Motion, Floats]]
-    """those who do not: the way that stays reserved for each, and its last known place, whose column is, too"""
+    gone: Collection[str]
+    """those who do not: the way of each stays reserved, and the column at its last known place"""
 
 
 Replan = Callable[[Trouble], Awaitable["Flight | None"]]
@@ -65,9 +65,6 @@ class Outcome:
     reason: str = ""
     away: dict[str, float] = field(default_factory=dict)
     """m from its goal, by vehicle"""
-    worst: dict[str, float] = field(default_factory=dict)
-    """m that each was off its trajectory at most"""
-    seconds: float = 0.0
     replans: int = 0
     flown: dict[str, float] = field(default_factory=dict)
     """the moment of the last plan that each has come to"""

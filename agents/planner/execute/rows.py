@@ -5,8 +5,6 @@ Rows are t, place, velocity; times are ours, ENU.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from agents.planner.execute.commit import Entry
@@ -15,14 +13,6 @@ from agents.planner.model.problem import Floats
 
 SAME = 0.01
 """s within which two points of a trajectory are one: they are rounded on the wire"""
-
-
-class Home(NamedTuple):
-    """What a vehicle flies by itself where nothing comes after the segment that this is put with. Times are ours."""
-
-    begins: float
-    rows: Floats
-    """(K, 7): t, place, velocity, as of a segment"""
 
 
 def standing(place: Floats, now: float) -> Entry:

@@ -6,19 +6,22 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import zmav
 from agents.planner.execute.commit import Stamp
 from agents.planner.execute.offset import Offset
-from agents.planner.execute.rows import Home
 from agents.planner.live.frames import enu, ned
 from agents.planner.model.problem import Floats
 from zmav import keys, wire
 from zmav.errors import BadInput, Clash, Forbidden, NotHolder, Refused, ZmavError
 from zmav.vehicle import Lease
 from zmav.waiting import within
+
+if TYPE_CHECKING:
+    from agents.planner.returning.ways import Way
 
 PINGS, SURE, LONGEST = 4, 0.01, 5.0
 """questions of the time before the clock is believed, at least; more, for so many seconds, until it is known so well"""
@@ -143,7 +146,7 @@ class VehicleCommand:
 
     # What it is told.
 
-    def put(self, rows: Floats, deadline: float, home: Home | None = None) -> tuple[Stamp, float] | None:
+    def put(self, rows: Floats, deadline: float, home: Way | None = None) -> tuple[Stamp, float] | None:
         """Put a segment of rows t, place, velocity (ENU, our time), to be taken by ``deadline`` (our time).
         ``home``: what the vehicle flies if nothing comes after it.
 
@@ -155,7 +158,8 @@ class VehicleCommand:
         points = [_point(row, self.offset, self.heading) for row in rows.tolist()]
         until = self.offset.vehicle(deadline)
         try:
-            lease.segment(points, deadline=until, repeated=False, home=home and way_home(home, self.offset))
+            way = None if home is None else way_home(home, self.offset)
+            lease.segment(points, deadline=until, repeated=False, home=way)
         except NotHolder:
             self._lost(lease)
             return None
@@ -233,7 +237,7 @@ async def learn_time(z: zmav.Client, name: str, clock: Clock, offset: Offset, lo
         await asyncio.gather(*asking, return_exceptions=True)
 
 
-def way_home(home: Home, offset: Offset) -> wire.WayHome:
+def way_home(home: Way, offset: Offset) -> wire.WayHome:
     """By the vehicle's clock, NED."""
     points = [(round(t - home.begins, 3), ned((x, y, z)), ned((u, v, w))) for t, x, y, z, u, v, w in home.rows.tolist()]
     return wire.WayHome(start=round(offset.vehicle(home.begins), 4), points=points)

@@ -15,6 +15,7 @@ import numpy as np
 
 from agents.planner.goals.formation import check_apart
 from agents.planner.model.problem import Floats, Motion
+from zmav import geo
 from zmav.errors import BadInput
 from zmav.wire import Vector
 from zmav.wire.swarm import Body, Follow
@@ -41,7 +42,7 @@ class MovingTarget:
     def at(self, t: float) -> MovingTarget:
         """Going on as it went."""
         ahead = t - self.t
-        return MovingTarget(t, _plus(self.pos, self.vel, ahead), self.vel)
+        return MovingTarget(t, geo.plus(self.pos, self.vel, ahead), self.vel)
 
 
 def default_offsets(bodies: Sequence[Body], leader_radius: float) -> list[Vector]:
@@ -76,7 +77,7 @@ def doing(goal: Follow, age: float) -> Doing:
 def slot(leader: MovingTarget, offset: Vector, t: float) -> MovingTarget:
     """Where a follower of ``leader`` shall be at ``t``, and how fast it goes there."""
     lead = leader.at(t)
-    return MovingTarget(t, _plus(lead.pos, offset), lead.vel)
+    return MovingTarget(t, geo.plus(lead.pos, offset, 1.0), lead.vel)
 
 
 def segment(
@@ -131,7 +132,3 @@ def _limited(vel: Floats, most: float, climb: float, descend: float) -> Floats:
 
 def _brake_steps(speed: float, accel: float) -> int:
     return math.ceil(2.0 * speed / accel / STEP) + 2
-
-
-def _plus(a: Vector, b: Vector, times: float = 1.0) -> Vector:
-    return (a[0] + times * b[0], a[1] + times * b[1], a[2] + times * b[2])

@@ -26,6 +26,7 @@ from agents.planner.live.run import Run
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.solver import Solver
 from agents.planner.live.traffic import TrafficWatch
+from agents.planner.live.world import LATE
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.waiting import within
@@ -43,6 +44,7 @@ LEAST = 0.1
 class ReadMap(NamedTuple):
     """What another planner keeps clear of, as far as it makes sense."""
 
+    t: float
     obstacles: list[swarm.Obstacle]
     odd: dict[str, str]
     """by its name, why one is not kept"""
@@ -145,7 +147,9 @@ class Agent:
         except BadInput as e:
             self.context.say_seldom("refused", "warning", f"refused: {e}")
             return
-        before, read = self._maps.pop(told.instance, None), self._read(told)
+        before = self._maps.pop(told.instance, None)
+        overtaken = before is not None and 0.0 < before.t - told.t < LATE  # or its clock was set back
+        read = before if overtaken and before is not None else self._read(told)
         self._maps[told.instance] = read
         if len(self._maps) > MAPS:
             del self._maps[next(iter(self._maps))]
@@ -156,7 +160,7 @@ class Agent:
             self.context.world.follow(read.obstacles, time.monotonic(), time.time())
 
     def _read(self, told: swarm.ObstacleMap) -> ReadMap:
-        read = ReadMap([], {})
+        read = ReadMap(told.t, [], {})
         for each in told.obstacles:
             known = self.context.world.find(each.name)
             try:

@@ -33,11 +33,9 @@ class Clocks:
     def hear(self) -> None:
         """Take in what was published: it proves one bound. Who is gone is forgotten."""
         fleet = {vehicle.name: vehicle for vehicle in self._z.fleet()}
-        for name in self.offsets.keys() - fleet.keys():
-            del self.offsets[name]
-            self._asked.pop(name, None)
-            self._learnt.pop(name, None)
-            self._seen.pop(name, None)
+        for known in (self.offsets, self._asked, self._learnt, self._seen):
+            for name in known.keys() - fleet.keys():
+                del known[name]
         for name, vehicle in fleet.items():
             heard = self._z.heard(name, vehicle.fleet)
             if heard is not None and heard.at > self._seen.get(name, -1.0):

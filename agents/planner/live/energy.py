@@ -7,7 +7,7 @@ the vehicle's ``endurance`` says. Shares are 0 to 1 of a full battery.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,6 +128,10 @@ class Energy:
 
     def heard(self, name: str, state: wire.VehicleState, place: Floats, flies: bool) -> None:
         self._of.setdefault(name, Consumption()).heard(state.t, left_of(state), place, flies)
+
+    def settle(self, names: Iterable[str]) -> None:
+        """Forget all but these."""
+        self._of = {name: self._of[name] for name in names if name in self._of}
 
     def takes(self, name: str, body: swarm.Body, seconds: float, metres: float) -> float:
         """The share of a full battery for so much time in the air, and way."""

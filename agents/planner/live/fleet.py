@@ -39,18 +39,23 @@ class Bodies:
 
     def __init__(self, z: zmav.Client) -> None:
         self._z = z
-        self._known: dict[str, wire.swarm.Body] = {}
-        self._returns: dict[str, float | None] = {}
+        self._told: dict[str, wire.swarm.BodyReport] = {}
         self._next: dict[str, float] = {}
 
     def of(self, name: str, kind: str | None) -> wire.swarm.Body:
         """What it said, or what is usual for its kind."""
-        known = self._known.get(name)
-        return known if known is not None else body_of(kind)
+        told = self._told.get(name)
+        return told.body if told is not None else body_of(kind)
 
     def returns_after(self, name: str) -> float | None:
         """s after its segment's end from which it would fly a way home by itself; None: it does not."""
-        return self._returns.get(name)
+        told = self._told.get(name)
+        return None if told is None else told.returns_after
+
+    def settle(self, names: Iterable[str]) -> None:
+        """Forget all but these."""
+        self._told = {name: self._told[name] for name in names if name in self._told}
+        self._next = {name: self._next[name] for name in names if name in self._next}
 
     def due(self, names: list[str]) -> list[str]:
         """Those that should be asked now."""
@@ -72,7 +77,7 @@ class Bodies:
             except BadInput:
                 continue
             if _sensible(told.body):
-                self._known[name], self._returns[name] = told.body, told.returns_after
+                self._told[name] = told
                 self._next[name] = time.monotonic() + BODY_AGAIN
 
 
@@ -143,7 +148,9 @@ class Fleet:
         self.last: dict[str, tuple[wire.VehicleState, float]] = {}
 
     def watch(self) -> None:
-        """A few times a second: take in what was heard, and remember who it was when it is heard no more."""
+        """A few times a second: take in what was heard, and remember who it was when it is heard no more, for
+        :data:`FORGOTTEN` s: who comes again after that may be another vehicle.
+        """
         for vehicle in self._z.fleet():
             state, age = vehicle.last_state, vehicle.age
             if state is None or age is None or state.local is None:
@@ -157,7 +164,10 @@ class Fleet:
                 self._homes[vehicle.name] = state.local
         now = time.monotonic()
         self.last = {name: (s, at) for name, (s, at) in self.last.items() if now - at < FORGOTTEN}
-        self.accuracies.settle(self.last)
+        for parts in (self.accuracies, self.energy, self.bodies):
+            parts.settle(self.last)
+        self._homes = {name: home for name, home in self._homes.items() if name in self.last}
+        self._followings = {name: each for name, each in self._followings.items() if name in self.last}
 
     @property
     def names(self) -> list[str]:

@@ -68,10 +68,11 @@ class Homeward:
     def tick(self) -> None:
         """Forget the ways of those who are down, or whom somebody else has: they fly none of them."""
         flying = self._flying()
-        for name in list(self.keeper.futures.parts):
+        for name in {*self.keeper.futures.parts, *self.keeper.last}:
             seen = self._fleet.seen(name)
             if seen is None:  # not heard for so long that it is down by now
                 self.keeper.forget(name)
+                self.keeper.last.pop(name, None)
             elif seen.age >= FRESH or not self._over(name, seen):
                 continue
             elif name in flying:

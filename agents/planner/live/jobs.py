@@ -8,8 +8,8 @@ from __future__ import annotations
 import pickle
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, BinaryIO
+from dataclasses import dataclass
+from typing import Any, BinaryIO, Generic, TypeVar
 
 from agents.planner.goals.steps import FleetView, Step
 from agents.planner.model.ground import Floor
@@ -21,9 +21,17 @@ from zmav.wire import swarm
 HEAD = struct.Struct("<Q")
 
 
+T = TypeVar("T")
+JudgedPlan = tuple[dict[str, Motion], Report]
+
+
+class Job(Generic[T]):
+    """Answered by a ``T``, or a typed error."""
+
+
 @dataclass(frozen=True)
-class Solve:
-    """Plan a scene; answered by motions and what the verifier says of them, or a typed error."""
+class Solve(Job[JudgedPlan]):
+    """Plan a scene; answered by motions and what the verifier says of them."""
 
     scene: Scene
     movers: tuple[MovingObstacle, ...] = ()
@@ -32,8 +40,8 @@ class Solve:
 
 
 @dataclass(frozen=True)
-class Resolve:
-    """What a goal comes down to; answered by a list of steps, or the typed error of a goal that cannot be."""
+class Resolve(Job[list[Step]]):
+    """What a goal comes down to; answered by a list of steps, or the error of a goal that cannot be."""
 
     goal: swarm.Goal
     view: FleetView
@@ -43,16 +51,12 @@ class Resolve:
 
 
 @dataclass(frozen=True)
-class Judge:
+class Judge(Job[Report]):
     """Verify motions; answered by the verifier's report."""
 
     scene: Scene
     motions: Mapping[str, Motion]
     movers: tuple[MovingObstacle, ...] = ()
-
-
-Job = Solve | Resolve | Judge
-JudgedPlan = tuple[dict[str, Motion], Report]
 
 
 @dataclass(frozen=True)
@@ -71,17 +75,8 @@ class Ready:
 @dataclass(frozen=True)
 class Done:
     number: int
-    result: JudgedPlan | list[Step] | Report
-
-
-@dataclass(frozen=True)
-class Failed:
-    """A typed error, as it would cross the wire."""
-
-    number: int
-    code: str
-    message: str
-    detail: dict[str, Any] = field(default_factory=dict)
+    result: Any
+    """what its job is answered by"""
 
 
 def write(pipe: BinaryIO, message: object) -> None:

@@ -13,7 +13,6 @@ import zmav
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import Executor
 from agents.planner.execute.flight import Flight, Outcome, Trouble
-from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
 from agents.planner.live.margins import TIGHT, PlanMargins
@@ -58,17 +57,17 @@ class GoalUnderWay(UnderWay, Protocol):
     def place(self, name: str) -> Vector: ...
 
 
-class LeasedVehicles:
+class LeasedVehicles(Executor):
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
     def __init__(self, run: GoalUnderWay) -> None:
-        self._run, settings = run, run.context.settings
-        self.executor = Executor(
+        self._run = run
+        super().__init__(
             run.context.z,
             run.vehicles,
-            holder=settings.name,
-            say=self._say,
-            replan=self._replan,
+            holder=run.context.settings.name,
+            say=self._tell,
+            replan=self._plan_again,
             clock=run.context.clocks.clock,
             offsets=run.context.clocks.of(run.vehicles),
             followings=run.context.fleet.followings_of(run.vehicles),
@@ -82,37 +81,22 @@ class LeasedVehicles:
         self._torn = False
         self._errors: dict[str, float] = {}
         """m that each one's position was taken to be off when what is flown was planned"""
-        self._gone: list[str] = []
-
-    async def __aenter__(self) -> LeasedVehicles:
-        await self.executor.__aenter__()
-        return self
-
-    async def __aexit__(self, *exc: object) -> None:
-        await self.executor.__aexit__(*exc)
-
-    @property
-    def gone(self) -> set[str]:
-        """Who of those that flew the last plan does not fly it any more."""
-        return set(self._gone)
+        self.gone = set[str]()
+        """who of those that flew the last plan does not fly it any more"""
 
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
-        return self.executor.commands[name].vehicle
-
-    @property
-    def commands(self) -> dict[str, VehicleCommand]:
-        return self.executor.commands
+        return self.commands[name].vehicle
 
     @property
     def paused(self) -> bool:
         """Everybody rests on the way, until it goes on."""
-        return self.executor.phase == "paused"
+        return self.phase == "paused"
 
     @property
     def now(self) -> float:
         """Our UTC, by which everything is flown."""
-        return self.executor.clock.now()
+        return self.clock.now()
 
     async def margins(self) -> Margins:
         """m by which plans should widen radii, and the share of their speed that vehicles may have with that; best
@@ -137,16 +121,16 @@ class LeasedVehicles:
 
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
         """
-        executor, run = self.executor, self._run
-        self._again, self._share, self._gone, self._words = again, share, [], run.entry.text
+        run = self._run
+        self._again, self._share, self.gone, self._words = again, share, set(), run.entry.text
         if run.goes and not self._torn:  # a pause may have ended while nothing was flown
-            executor.resume()
+            self.resume()
         else:
-            executor.pause()
-        watching = asyncio.create_task(self._watch(executor))
-        watching.add_done_callback(lambda task: self._unwatched(task, executor))
+            self.pause()
+        watching = asyncio.create_task(self._watch())
+        watching.add_done_callback(self._unwatched)
         try:
-            return await executor.run(self._flight(planned))
+            return await self.run(self._flight(planned))
         finally:
             watching.cancel()
             self._planned = None
@@ -154,26 +138,15 @@ class LeasedVehicles:
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
         self._words = self._run.entry.text
-        return await self.executor.follow(conductor, goes)
-
-    def pause(self) -> None:
-        self.executor.pause()
+        return await super().follow(conductor, goes)
 
     def resume(self) -> None:
         if not self._torn:
-            self.executor.resume()
-
-    @property
-    def committed(self) -> list[MovingObstacle]:
-        """What its vehicles are sure to fly, on our UTC."""
-        return self.executor.committed
+            super().resume()
 
     def refresh(self) -> None:
         """Others are committed to something new."""
-        self.executor.avoid(self.movers(self.now))
-
-    def stop(self, why: str) -> None:
-        self.executor.halt(why)
+        self.avoid(self.movers(self.now))
 
     def world_changed(self) -> None:
         """Where something is in anybody's way all come to rest as soon as they can, and a new plan is made."""
@@ -187,7 +160,7 @@ class LeasedVehicles:
         def clear(p: Floats, q: Floats, radius: float) -> bool:
             return bool(segment_clear(world, p, q, radius))
 
-        self.executor.obstructed(clear, "an obstacle or the fence")
+        self.obstructed(clear, "an obstacle or the fence")
 
     @property
     def tracking(self) -> float:
@@ -201,7 +174,7 @@ class LeasedVehicles:
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
-        run, executor = self._run, self.executor
+        run = self._run
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
         self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
@@ -215,15 +188,15 @@ class LeasedVehicles:
             downwash=planned.scene.downwash,
             margin=planned.margin,
             tracking=max(most / TIGHT, tracking),
-            movers=self.movers(executor.clock.now()),
+            movers=self.movers(self.now),
             tolerance=max(Flight.tolerance, run.context.settings.tracking, most),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )
 
-    async def _replan(self, trouble: Trouble) -> Flight | None:
+    async def _plan_again(self, trouble: Trouble) -> Flight | None:
         """The executor asks: everybody that goes on rests."""
         run = self._run
-        self._gone += list(trouble.gone)
+        self.gone |= set(trouble.gone)
         if self._again is None or run.stopping:
             return None
         run.context.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
@@ -244,45 +217,45 @@ class LeasedVehicles:
         movers = moving(run.vehicles, context.fleet.all(), context.world.pieces(time.time()), taken)
         return kin + [mover.later(now) for mover in movers]
 
-    async def _watch(self, executor: Executor) -> None:
+    async def _watch(self) -> None:
         """While a plan is flown: its progress, who comes near, whether we hear enough of the fleet."""
         run = self._run
         while True:
             await asyncio.sleep(LOOK)
             begin, end = self._share
-            run.progress(begin + (end - begin) * executor.progress)
+            run.progress(begin + (end - begin) * self.progress)
             hearing = run.context.fleet.hearing()
             torn = not hearing.may_move(run.vehicles)
             if torn and not self._torn:
                 run.context.say("partition", "warning", f"{run.entry.id}: {hearing.words()}", goal=run.entry.id)
-                executor.pause()
+                self.pause()
             elif self._torn and not torn:
                 run.context.say(
                     "partition", "notice", f"{run.entry.id}: enough of the fleet is heard again", goal=run.entry.id
                 )
                 if run.goes:
-                    executor.resume()
+                    super().resume()
             self._torn = torn
-            self._look_at_positions(executor)
-            executor.avoid(self.movers(executor.clock.now()))
+            self._look_at_positions()
+            self.refresh()
 
-    def _unwatched(self, watching: asyncio.Task[None], executor: Executor) -> None:
+    def _unwatched(self, watching: asyncio.Task[None]) -> None:
         """Nothing is flown that is not watched: where the watch fails all come to rest, and there is no new plan."""
         if not watching.cancelled() and (fault := watching.exception()) is not None:
             self._again = None
-            executor.halt(f"the planner's own fault: {fault!r}")
+            self.halt(f"the planner's own fault: {fault!r}")
 
-    def _look_at_positions(self, executor: Executor) -> None:
+    def _look_at_positions(self) -> None:
         """Who knows much less well where it is than when the plan was made has too little room in it."""
-        if executor.phase != "flying" or tight_of(self._run.entry.goal):
+        if self.phase != "flying" or tight_of(self._run.entry.goal):
             return
         for name, before in self._errors.items():
             error = self._run.context.fleet.accuracies.error(name)
             if error > before + max(WORSE, 0.5 * before):
-                executor.halt(f"{name} knows its position to ±{error:.1f} m, not to ±{before:.1f} m any more")
+                self.halt(f"{name} knows its position to ±{error:.1f} m, not to ±{before:.1f} m any more")
                 return
 
-    def _say(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
+    def _tell(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
         run = self._run
         run.text(text if severity in ("warning", "error") else self._words)
         run.context.say(kind, severity, f"{run.entry.id}: {text}", goal=run.entry.id, **detail)

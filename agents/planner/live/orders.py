@@ -100,15 +100,11 @@ async def land(vehicle: zmav.Vehicle, args: Mapping[str, Any], again: int = AGAI
 
 
 async def halt(run: GoalUnderWay, leased: LeasedVehicles, names: Iterable[str]) -> None:
-    """Have those that move stop where they are."""
-    await hold_all(run, leased, [name for name in names if _in_the_air(run, name)])
-
-
-async def hold_all(run: GoalUnderWay, leased: LeasedVehicles, names: list[str]) -> None:
-    """Under our leases, which go on. Who was taken from us is another's: a hold of ours would end his lease. Anyone who
-    does not answer is told of.
+    """Have those that move stop where they are, under our leases, which go on. Who was taken from us is another's: a
+    hold of ours would end his lease. Anyone who does not answer is told of.
     """
-    ours = [name for name in names if name in leased.commands and leased.commands[name].ours]
+    moving = [name for name in names if _in_the_air(run, name)]
+    ours = [name for name in moving if name in leased.commands and leased.commands[name].ours]
     results = await asyncio.gather(*(leased.vehicle(name).hold() for name in ours), return_exceptions=True)
     for name, result in zip(ours, results, strict=True):
         if isinstance(result, ZmavError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,10 +18,11 @@ from agents.planner.live.context import Context
 from agents.planner.live.field import floor_of
 from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
-from agents.planner.live.solver import Solver
+from agents.planner.live.solver import Solver, SolverDied
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import Motion
+from agents.planner.model.problem import Motion, places_at
 from agents.planner.model.scene import Scene
+from agents.planner.model.separation import separation
 from agents.planner.model.verify import Report
 from agents.planner.solve.loiter import loiter_radius
 from zmav.errors import BadInput, Refused
@@ -36,6 +37,19 @@ MOST_APART = 3
 """times that vehicles draw apart before one plan"""
 CLOSE = ("starts_overlap", "start_in_obstacle")
 """kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
+SILENCE = 60.0
+"""s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
+PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
+"""kinds of errors of plans that an aircraft may be the cause of"""
+SOON, LATER = 1.0, 5.0
+"""s between two tries to plan where there was no room, or no solver, at least and at most; in between as long as the
+try before took: what takes long to be refused is refused again, and others wait for the solver, too"""
+OVER = 15.0
+"""s before an aircraft passes where a vehicle rests, in which that has no time to fly out of its way: no plan has it
+do so, and all that a solver may try is in vain
+"""
+MOST_DEATHS = 3
+"""of the solver, after which a plan is given up: it dies of it"""
 LAYER = 30.0
 """m of height for each plane above the one below it"""
 
@@ -69,7 +83,7 @@ class Planner:
         kin = context.kin(self._goal)
         walls = context.airspace.walls(kin, context.settings.downwash)
         taken = context.airspace.vehicles(kin)
-        pieces = context.world.pieces(time.time())
+        pieces = context.world.pieces(time.time(), lasting=True)
         views, settings = context.fleet.all(), context.settings
         floor = floor_of(settings.field, settings.ground, ours)
         room = room_of(vehicles, views, pieces, walls, taken, settings.downwash, floor)
@@ -119,6 +133,55 @@ class Planner:
             if e.kind not in CLOSE or (first := await self._make_room(step, view, margins or self._usual)) is None:
                 raise
             return replace(first, before=e.message)
+
+    async def patiently(
+        self,
+        step: PlanTo,
+        view: FleetView,
+        margins: Callable[[], Awaitable[Margins]],
+        say: Callable[[str], None],
+    ) -> Planned:
+        """As :meth:`next_to`, where there is room: what other goals have spoken for is waited for, and for a while who
+        is not heard and in the way, and aircraft that pass. ``margins`` is asked before each try, ``say`` told what is
+        waited for.
+        """
+        context, deaths, begun = self._context, 0, time.monotonic()
+        while True:
+            wanted = await margins()
+            tried = time.monotonic()
+            if tried < begun + SILENCE and (who := self._over(view.pick(step.vehicles))):
+                say(f"waits for room beside {who}: it is about to pass")
+                await asyncio.sleep(SOON)
+                continue
+            try:
+                return await self.next_to(step, view, wanted)
+            except PlanError as e:
+                others = sorted({goal for goal, _, _ in context.airspace.others(context.kin(self._goal))})
+                patient = time.monotonic() < begun + SILENCE
+                passing = [each.obstacle.name for each in context.world.traffic] if e.kind in PASSES else []
+                silent = sorted([*context.fleet.hearing().unheard, *passing]) if patient else []
+                if not (others or silent) or e.kind == "invalid_scene":
+                    raise
+                say(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")
+            except SolverDied as e:
+                deaths += 1
+                if deaths > MOST_DEATHS:
+                    raise
+                say(f"planned again: {e.message}")
+            await asyncio.sleep(min(max(SOON, time.monotonic() - tried), LATER))
+
+    def _over(self, views: Sequence[VehicleView]) -> str:
+        """The aircraft that is about to pass too near to where one of these rests; empty: none."""
+        world, downwash = self._context.world, self._context.settings.downwash
+        aircraft = {f"@{each.obstacle.name}": each.obstacle.name for each in world.traffic}
+        for mover in world.pieces(time.time(), lasting=True).movers if aircraft else ():
+            way = np.column_stack(([0.0, OVER], places_at(mover.motion, np.array([0.0, OVER]))))
+            for view in views:
+                rests = np.array([[0.0, *enu(view.pos_ned)]])
+                near = separation(rests, way, downwash, b_leaves=True)[0] < view.body.radius + mover.radius
+                if near and mover.id in aircraft:
+                    return aircraft[mover.id]
+        return ""
 
     @property
     def _usual(self) -> Margins:

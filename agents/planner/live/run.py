@@ -29,13 +29,12 @@ from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.leased_vehicles import Again, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
-from agents.planner.live.plan import MOST_APART, Planned, Planner
+from agents.planner.live.plan import MOST_APART, SOON, Margins, Planned, Planner
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
 from agents.planner.live.resting import COMING
 from agents.planner.live.scenes import moved
-from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import Motion, MovingObstacle
@@ -46,14 +45,8 @@ SETTLE = 90.0
 """s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
 LASTING = 60.0
 """s that a segment may last"""
-SILENCE = 60.0
-"""s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
-PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
-"""kinds of errors of plans that an aircraft may be the cause of"""
-SOON = 1.0
-"""s between two tries to plan where there was no room, or no solver"""
-MOST_TRIES = 3
-"""deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
+MOST_REFUSED = 3
+"""plans that nobody can begin to fly, after which there is no other"""
 
 
 class Run:
@@ -100,7 +93,7 @@ class Run:
         self.stopping = why or "stopped"
         self._goes.set()  # a new plan that waits for the end of a pause is not made any more
         if self.flying is not None:
-            self.flying.stop(self.stopping)
+            self.flying.halt(self.stopping)
         else:
             self._task.cancel()
 
@@ -193,7 +186,7 @@ class Run:
         self._begun = True
         self._lanes = next((dict(step.motions) for step in steps if isinstance(step, Fly)), {})
         async with LeasedVehicles(self) as leased:
-            if silent := set(leased.executor.left):  # no answer: they stay where they rest
+            if silent := set(leased.left):  # no answer: they stay where they rest
                 self._go_without(silent)
                 lost |= silent
                 self.context.say(
@@ -229,7 +222,8 @@ class Run:
         if isinstance(step, PlanTo):
             return await self._plan_and_fly(leased, step, share)
         if isinstance(step, Fly):
-            return await self._fly_prepared(leased, step, share)
+            async with Cameras(self, leased, step.pictures):
+                return await self._fly_motions(leased, step, share)
         if isinstance(step, Orders):
             self._state("flying", step.text or "carries out orders")
             await carry_out(self, leased, step, gone)
@@ -269,7 +263,7 @@ class Run:
                 outcome = await self._flown(leased, flown, step.text, share, again)
             except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
                 refused += 1
-                if refused == MOST_TRIES:
+                if refused == MOST_REFUSED:
                     raise
                 missing |= leased.gone
                 self._go_without(missing)
@@ -287,10 +281,6 @@ class Run:
             made += 1
             if made > MOST_APART:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
-
-    async def _fly_prepared(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
-        async with Cameras(self, leased, step.pictures):
-            return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         missing = set[str]()
@@ -348,33 +338,15 @@ class Run:
         self._state("flying", "follows")
 
     async def _planned(self, leased: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
-        """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
-        not heard and in the way, and aircraft that pass.
-        """
-        tries, begun = 0, time.monotonic()
-        while True:
-            margins = await leased.margins()
-            try:
-                planned = await self.planner.next_to(step, view, margins)
-                if planned.before:
-                    text = f"{self.entry.id}: first they draw apart: {planned.before}"
-                    self.context.say("room", "notice", text, goal=self.entry.id)
-                return planned
-            except PlanError as e:
-                others = sorted({goal for goal, _, _ in self.context.airspace.others(self.context.kin(self.entry.id))})
-                patient = time.monotonic() < begun + SILENCE
-                passing = [each.name for each in self.context.world.traffic] if e.kind in PASSES else []
-                silent = sorted([*self.context.fleet.hearing().unheard, *passing]) if patient else []
-                if not (others or silent) or e.kind == "invalid_scene":
-                    raise
-                self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")
-            except SolverDied as e:
-                tries += 1
-                if tries > MOST_TRIES:
-                    raise
-                self.text(f"planned again: {e.message}")
-            await asyncio.sleep(SOON)
+        async def margins() -> Margins:
             self.check_stopped()
+            return await leased.margins()
+
+        planned = await self.planner.patiently(step, view, margins, self.text)
+        if planned.before:
+            text = f"{self.entry.id}: first they draw apart: {planned.before}"
+            self.context.say("room", "notice", text, goal=self.entry.id)
+        return planned
 
     async def _flown(
         self,

@@ -13,7 +13,7 @@ from agents.planner.model.ground import GroundMap
 from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
 from zmav.errors import BadConfig
-from zmav.wire import Origin, swarm
+from zmav.wire import swarm
 
 ROUND = 32
 """corners of the polygon that a round fence is kept as: they lie on it"""
@@ -69,25 +69,19 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
 
 
 def fence_of(file: FleetConfig) -> swarm.Geofence | None:
-    """The fleet file's geofence about its origin; heights above home are taken to be above the origin."""
-    fence = file.geofence
-    if file.origin is None:
+    """The fleet file's geofence about its origin; of a circle, a polygon inside it. Heights above home are taken to be
+    above the origin.
+    """
+    fence, origin, far = file.geofence, file.origin, NO_CEILING
+    if origin is None:
         return None
-    corners = _corners(fence, file.origin)
-    if corners is None:
-        return None
-    floor = max(-NO_CEILING, -NO_CEILING if fence.floor is None else fence.floor)
-    ceiling = min(NO_CEILING, NO_CEILING if fence.ceiling is None else fence.ceiling)
-    return swarm.Geofence(polygon=corners, floor=floor, ceiling=ceiling)
-
-
-def _corners(fence: Geofence, origin: Origin) -> list[swarm.Corner] | None:
-    """North and east of the origin: of the polygon, or of one inside the circle where there is only that."""
     if fence.polygon:
-        places = [geo.to_ned(origin, lat, lon, origin.alt_amsl) for lat, lon in fence.polygon]
-        return [(north, east) for north, east, _ in places]
-    if fence.radius in (None, math.inf):
+        corners = [geo.to_ned(origin, lat, lon, origin.alt_amsl)[:2] for lat, lon in fence.polygon]
+    elif fence.radius is not None and fence.radius < math.inf:
+        angles = [math.tau * i / ROUND for i in range(ROUND)]
+        corners = [(fence.radius * math.cos(a), fence.radius * math.sin(a)) for a in angles]
+    else:
         return None
-    assert fence.radius is not None
-    angles = [math.tau * i / ROUND for i in range(ROUND)]
-    return [(fence.radius * math.cos(a), fence.radius * math.sin(a)) for a in angles]
+    floor = -far if fence.floor is None else max(-far, fence.floor)
+    ceiling = far if fence.ceiling is None else min(far, fence.ceiling)
+    return swarm.Geofence(polygon=corners, floor=floor, ceiling=ceiling)

@@ -8,15 +8,12 @@ import pickle
 import sys
 import time
 from collections.abc import Callable
-from typing import Any, overload
+from typing import Any
 
-from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
 from agents.planner.model.deadline import WALL
-from agents.planner.model.errors import PlanError
-from agents.planner.model.verify import Report
 from agents.planner.solve import jit
-from zmav.errors import TimedOut, ZmavError, from_code
+from zmav.errors import TimedOut, ZmavError
 from zmav.waiting import within
 
 ROOT = jit.PACKAGE.parents[1]
@@ -80,16 +77,7 @@ class Solver:
         except asyncio.TimeoutError:
             raise TimedOut(f"the {self._name} was not ready within {timeout:.0f} s") from None
 
-    @overload
-    async def do(self, job: jobs.Solve) -> jobs.JudgedPlan: ...
-
-    @overload
-    async def do(self, job: jobs.Judge) -> Report: ...
-
-    @overload
-    async def do(self, job: jobs.Resolve) -> list[Step]: ...
-
-    async def do(self, job: jobs.Job) -> Any:
+    async def do(self, job: jobs.Job[jobs.T]) -> jobs.T:
         """Have a job done; raises its typed error, :class:`SolverDied`, or :class:`TimedOut` when it was given up.
 
         Who stops waiting for it does not end it: loading the process again would take longer than most jobs do.
@@ -99,7 +87,7 @@ class Solver:
         work.add_done_callback(_look)
         return await asyncio.shield(work)
 
-    async def _work(self, job: jobs.Job, seconds: float) -> Any:
+    async def _work(self, job: jobs.Job[jobs.T], seconds: float) -> jobs.T:
         async with self._turn:
             await self.until_ready()
             process = self._process
@@ -111,7 +99,8 @@ class Solver:
                 process.stdin.write(jobs.frame((self._number, job)))  # not waited for: one that hangs reads nothing
                 await asyncio.wait({answer}, timeout=seconds + GRACE)
                 if answer.done():
-                    return answer.result()
+                    found: jobs.T = answer.result()
+                    return found
                 self._kill(process)
                 raise TimedOut(f"the {self._name} had no answer after {seconds + GRACE:.0f} s: given up")
             finally:
@@ -174,22 +163,16 @@ class Solver:
             what = "load" if self.doing == "loads" else "load and compile"
             self._say(f"the {self._name} is ready ({time.monotonic() - start:.1f} s to {what})")
             self._ready.set()
-        elif isinstance(message, jobs.Done | jobs.Failed):
+        elif isinstance(message, jobs.Done):
             if self._job is None or self._job.done() or message.number != self._number:
                 return  # of a job that was given up
-            if isinstance(message, jobs.Done):
-                self._job.set_result(message.result)
+            if isinstance(message.result, ZmavError):
+                self._job.set_exception(message.result)
             else:
-                self._job.set_exception(error_of(message))
+                self._job.set_result(message.result)
 
 
 def _look(task: asyncio.Future[Any]) -> None:
     """So that asyncio does not complain where nobody waits for it any more."""
     if not task.cancelled():
         task.exception()
-
-
-def error_of(failed: jobs.Failed) -> ZmavError:
-    if failed.code == PlanError.code:
-        return PlanError(failed.detail["kind"], failed.detail["ids"], failed.message)
-    return from_code(failed.code, failed.message, failed.detail)

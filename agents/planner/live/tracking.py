@@ -12,8 +12,8 @@ import time
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Part
-from agents.planner.execute.conductor import Conductor, Send
-from agents.planner.execute.rows import ahead
+from agents.planner.execute.conductor import GUARD, LEAD, Conductor, Send
+from agents.planner.execute.rows import ahead, head_of, knot
 from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND, VehicleView
@@ -24,16 +24,12 @@ from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.ground import Floor
-from agents.planner.model.problem import Floats, MovingObstacle
+from agents.planner.model.problem import MovingObstacle
 from zmav.errors import BadInput, Refused, Stale
 from zmav.wire import Vector
 
 EVERY = 1.0
 """s between two segments of one follower"""
-LEAD, GUARD = 0.8, 0.05
-"""s ahead at which a new segment leaves the old one, and before that by which it must have been taken"""
-APART = 0.05
-"""s between two points at least: vehicles refuse those that are nearer than 0.02"""
 KNOTS = 5
 """steps of a motion from one point of a segment to the next"""
 BLOCKED = 6.0
@@ -82,9 +78,9 @@ class Tracking:
 
     # As whatever is flown is told: it looks for itself, within a tick.
 
-    def stop(self, why: str = "") -> None: ...
+    def halt(self, why: str = "") -> None: ...
 
-    pause = resume = refresh = world_changed = stop
+    pause = resume = refresh = world_changed = halt
 
     @property
     def committed(self) -> list[MovingObstacle]:
@@ -145,7 +141,7 @@ class Tracking:
         margin = self._leased.tracking + body.speed * error
         part = Part(name, Track(np.array([[0.0, *place]])), body.radius, body.accel, margin, command.offset)
         part.heard, part.error, part.instance = now, error, command.instance
-        part.follows(self._leased.executor.followings[name])
+        part.follows(self._leased.followings[name])
         return part
 
     def next(self, part: Part, now: float) -> Send | None:
@@ -194,8 +190,8 @@ class Tracking:
         return context.airspace.blocker(context.kin(self._run.entry.id), {part.id: [way]}, context.settings.downwash)
 
     def _next(self, part: Part, target: follow.MovingTarget, now: float) -> Entry:
-        """From where its trajectory has it soon, towards its place, and to rest."""
-        d = now + LEAD
+        """From where its trajectory has it at a point of it soon, towards its place, and to rest."""
+        d = knot(part.known, now + LEAD)
         pos, vel = state_at(part.known.rows, d)
         begin = follow.MovingTarget(d, ned(vector(pos)), ned(vector(vel)))
         view = self._view(part.id)
@@ -205,9 +201,8 @@ class Tracking:
         keep = sorted({0, *range(KNOTS, len(times), KNOTS), len(times) - 1})
         speeds = np.gradient(places, times, axis=0) if len(times) > 2 else np.zeros_like(places)
         rows = np.column_stack((times[keep], places[keep], speeds[keep]))
-        rows[0, 4:], rows[-1, 4:] = vel, 0.0
-        head = head_of(part.known.rows, d, now - part.late)
-        whole = np.vstack((head, rows))
+        rows[-1, 4:] = 0.0
+        whole = np.vstack((head_of(part.known, d, now - part.late), rows[1:]))
         rest_at = float(whole[-1, 0])
         return Entry(Profile.resting(0.0, rest_at), np.round(whole, 6), d, rest_at, late=part.late)
 
@@ -221,17 +216,3 @@ class Tracking:
 
 class Blocked(Refused):
     """Followers are to be brought to their places by a plan."""
-
-
-def head_of(rows: Floats, d: float, now: float) -> Floats:
-    """The points up to ``d`` (not at it, nor so near that a vehicle refuses it), from just before now; of what rests by
-    then, its place.
-    """
-    before = rows[rows[:, 0] <= d - APART]
-    first = max(int(np.searchsorted(before[:, 0], now - 0.2)) - 1, 0)
-    kept: Floats = before[first:]
-    if len(kept) and kept[-1, 0] > now - 4.0 and rows[-1, 0] > now - 0.2:
-        return kept
-    rest = rows[-1:].copy()
-    rest[0, 0], rest[0, 4:] = now - 0.3, 0.0
-    return rest

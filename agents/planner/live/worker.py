@@ -13,12 +13,11 @@ import traceback
 from typing import Any, BinaryIO
 
 from agents.planner.goals import goals
-from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
 from agents.planner.model.geometry import world_of
 from agents.planner.model.scene import Bounds, Fence, Obstacle, Scene, check
 from agents.planner.model.staticmap import StaticMap
-from agents.planner.model.verify import Report, verify
+from agents.planner.model.verify import verify
 from agents.planner.solve import jit, pipeline, warm
 from zmav.errors import ZmavError
 
@@ -41,23 +40,25 @@ class SolverProcess:
     def _compiling(self, done: int, of: int) -> None:
         jobs.write(self._out, jobs.Compiling(done, of))
 
-    def serve(self, number: int, job: jobs.Job) -> None:
+    def serve(self, number: int, job: jobs.Job[Any]) -> None:
         try:
-            jobs.write(self._out, jobs.Done(number, self.do(job)))
+            result = self.do(job)
         except ZmavError as e:
-            jobs.write(self._out, jobs.Failed(number, e.code, e.message, e.detail))
+            result = e
         except Exception as e:  # a fault of ours is told like any other: the next job has a map of its own
             traceback.print_exc()
             self._static = None
-            jobs.write(self._out, jobs.Failed(number, ZmavError.code, f"the solver's own fault: {e!r}"))
+            result = ZmavError(f"the solver's own fault: {e!r}")
+        jobs.write(self._out, jobs.Done(number, result))
 
-    def do(self, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | Report:
+    def do(self, job: jobs.Job[Any]) -> Any:
         """What was found; raises the typed error of what cannot be. No plan is found that the verifier objects to."""
         if isinstance(job, jobs.Judge):
             return verify(job.scene, job.motions, job.movers)
         if isinstance(job, jobs.Solve):
             check(job.scene)  # before anything is counted by its numbers
             return pipeline.Pipeline(job.scene, self._map(job.scene), job.movers, job.seconds).run()
+        assert isinstance(job, jobs.Resolve)
         return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene), job.floor))
 
     def _map(self, scene: Scene) -> StaticMap:

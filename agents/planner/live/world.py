@@ -6,7 +6,8 @@ On the wire everything is NED about the fleet's origin, heights are metres above
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from agents.planner.live.checks import MOST_OBSTACLES
 from agents.planner.live.frames import enu
 from agents.planner.model import scene
 from agents.planner.model.problem import MovingObstacle
+from zmav import geo
 from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
@@ -24,6 +26,9 @@ SKIRT = 0.5
 """m by which vehicles may be below the lowest place they are asked to be at: they drift"""
 AHEAD = 120.0
 """s for which what moves is taken to go on as it does"""
+LATE = 60.0
+"""s for which a message may have been on its way: so long what is gone does not come back by an older word. No longer:
+a program whose clock was set back is believed again"""
 
 
 @dataclass
@@ -31,6 +36,13 @@ class KnownObstacle:
     obstacle: swarm.Obstacle
     until: float | None
     """monotonic seconds at which it is forgotten"""
+
+
+class Passing(NamedTuple):
+    """An aircraft that is not of the fleet: a ball, and m by which that grows until the aircraft is heard again."""
+
+    obstacle: swarm.Obstacle
+    grows: float
 
 
 @dataclass(frozen=True)
@@ -77,11 +89,13 @@ class World:
 
     def __init__(self) -> None:
         self._told: dict[str, KnownObstacle] = {}
+        self._gone: dict[str, tuple[float, float]] = {}
+        """by the name of what is gone: the ``t`` of the last word of it, and until when an older one is overtaken"""
         self.fence: swarm.Obstacle | None = None
         """the fleet file's geofence: it holds again where another one is gone"""
         self.revision = 0
         """counts the changes"""
-        self.traffic: list[swarm.Obstacle] = []
+        self.traffic: list[Passing] = []
         """aircraft that are not of the fleet, as they are now: balls; no change in the world, for it is flown with what
         moves as it comes"""
 
@@ -98,18 +112,18 @@ class World:
         before = self._told.get(name)
         if before is not None and obstacle.t < before.obstacle.t:
             return False  # overtaken on the way
+        if name in self._gone and obstacle.t <= self._gone[name][0] and now < self._gone[name][1]:
+            return False
         if what is None:
-            return self._gone(name, ordered=True)
+            return self._drop(name, obstacle.t, now, ordered=True)
         if before is None and len(self._told) >= MOST_OBSTACLES:
             text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; remove some"
             raise BadInput(text, field="obstacle", value=name, expected=f"at most {MOST_OBSTACLES}")
         if isinstance(what, swarm.Geofence):
-            for other in [
-                n for n, told in self._told.items() if n != name and isinstance(told.obstacle.what, type(what))
-            ]:
-                del self._told[other]
-        elif before is not None and isinstance(before.obstacle.what, swarm.Geofence):
-            self._gone(name)
+            for other in [n for n, told in self._told.items() if n != name and _is_fence(told)]:
+                self._forget(other, self._told.pop(other).obstacle.t, now)
+        elif before is not None and _is_fence(before):
+            self._restore(before)
         self._told[name] = KnownObstacle(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
         if before is not None and before.obstacle.what == what:
             return False
@@ -118,8 +132,10 @@ class World:
 
     def expire(self, now: float) -> None:
         """Forget what was not said again in time."""
-        for name in [name for name, told in self._told.items() if told.until is not None and told.until <= now]:
-            self._gone(name)
+        for name, told in list(self._told.items()):
+            if told.until is not None and told.until <= now:
+                self._drop(name, told.obstacle.t, now)
+        self._gone = {name: (t, until) for name, (t, until) in self._gone.items() if now < until}
 
     def follow(self, obstacles: list[swarm.Obstacle], now: float, t: float) -> None:
         """Know what another planner knows: no more, and what is to be forgotten as late as it does."""
@@ -132,23 +148,36 @@ class World:
                 self._told[obstacle.name] = KnownObstacle(obstacle, None if left is None else now + left)
                 self.revision += 1
 
-    def _gone(self, name: str, ordered: bool = False) -> bool:
-        """``ordered``: somebody took it away by its name, the fleet file's fence too."""
+    def _drop(self, name: str, t: float, now: float, ordered: bool = False) -> bool:
+        """By a word of ``t``. ``ordered``: somebody took it away by its name, the fleet file's fence too."""
         gone = self._told.pop(name, None)
+        self._forget(name, t, now)
         if gone is None:
             return False
         self.revision += 1
-        fence = self.fence if isinstance(gone.obstacle.what, swarm.Geofence) else None
-        if fence is not None and not (ordered and name == fence.name):
-            self._told[fence.name] = KnownObstacle(fence, None)
+        if not (ordered and self.fence is not None and name == self.fence.name):
+            self._restore(gone)
         return True
+
+    def _forget(self, name: str, t: float, now: float) -> None:
+        self._gone.pop(name, None)
+        self._gone[name] = t, now + LATE
+        if len(self._gone) > MOST_OBSTACLES:
+            del self._gone[next(iter(self._gone))]
+
+    def _restore(self, gone: KnownObstacle) -> None:
+        """The fleet file's fence, where that one was a fence."""
+        if self.fence is not None and _is_fence(gone):
+            self._told[self.fence.name] = KnownObstacle(self.fence, None)
 
     def find(self, name: str) -> swarm.Obstacle | None:
         told = self._told.get(name)
         return told.obstacle if told else None
 
-    def pieces(self, t: float) -> Pieces:
-        """The world at UTC ``t``, for a scene."""
+    def pieces(self, t: float, lasting: bool = False) -> Pieces:
+        """The world at UTC ``t``, for a scene. ``lasting``: with aircraft as large as they grow until they are heard
+        again, for what is to be flown among them: a plan just clear of one would be stopped before.
+        """
         still: list[scene.Obstacle] = []
         movers: list[MovingObstacle] = []
         fence: scene.Fence | None = None
@@ -160,9 +189,10 @@ class World:
                 movers.append(_mover(obstacle.name, what, t - obstacle.t))
             elif what is not None:
                 still.append(_still(obstacle.name, what))
-        for obstacle in self.traffic:
+        for obstacle, grows in self.traffic:
             assert isinstance(obstacle.what, swarm.Ball)
-            movers.append(_mover(obstacle.name, obstacle.what, t - obstacle.t))
+            mover = _mover(obstacle.name, obstacle.what, t - obstacle.t)
+            movers.append(replace(mover, radius=mover.radius + grows * lasting))
         return Pieces(tuple(still), fence, tuple(movers))
 
     def ball(self, name: str, t: float) -> tuple[Vector, Vector] | None:
@@ -170,9 +200,12 @@ class World:
         obstacle = self.find(name)
         if obstacle is None or not isinstance(obstacle.what, swarm.Ball):
             return None
-        what, dt = obstacle.what, t - obstacle.t
-        place = tuple(p + v * dt for p, v in zip(what.center, what.velocity, strict=True))
-        return (place[0], place[1], place[2]), what.velocity
+        what = obstacle.what
+        return geo.plus(what.center, what.velocity, t - obstacle.t), what.velocity
+
+
+def _is_fence(told: KnownObstacle) -> bool:
+    return isinstance(told.obstacle.what, swarm.Geofence)
 
 
 def _corner(corner: swarm.Corner) -> scene.Corner:

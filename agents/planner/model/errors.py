@@ -29,3 +29,7 @@ class PlanError(ZmavError):
         self.kind: Code = kind
         self.ids = list(ids)
         super().__init__(message, kind=kind, ids=self.ids)
+
+    def __reduce__(self) -> tuple[type[PlanError], tuple[Code, list[str], str]]:
+        """For a pipe between processes."""
+        return PlanError, (self.kind, self.ids, self.message)

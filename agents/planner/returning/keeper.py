@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Part, Stamp
-from agents.planner.execute.rows import Home
 from agents.planner.model.problem import Floats
 from agents.planner.returning.finder import Finder, Returner, Surroundings
 from agents.planner.returning.futures import Futures, StoredWay, need_of
@@ -92,7 +91,7 @@ class ReturnKeeper:
             return False
         return self._hinders(part, *wish[:2])
 
-    def home(self, part: Part, entry: Entry, ends: float, now: float) -> Home | None:
+    def home(self, part: Part, entry: Entry, ends: float, now: float) -> Way | None:
         """The way home to go along with what is put now, which is ``entry``, ends at ``ends`` and rests there."""
         futures = self.futures
         if not any(entry is each for each in futures.entries(part.id)):
@@ -106,9 +105,7 @@ class ReturnKeeper:
                 self._yielded[part.id] = now
             last = self._made(part, entry, ends, now)
             ways.append(last)
-        if last.way is None:
-            return None
-        return Home(last.way.begins, last.way.rows)
+        return last.way
 
     def sent(self, part: Part, stamp: Stamp, deadline: float) -> None:
         """What :meth:`home` was asked for last was put."""

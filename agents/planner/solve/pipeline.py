@@ -30,7 +30,7 @@ from agents.planner.model.verify import Report, verify
 from agents.planner.solve import jit
 from agents.planner.solve.assign import assign
 from agents.planner.solve.planes import plan_planes
-from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
+from agents.planner.solve.refine.flyable import FACTORS, FINE_STEP, Refined, refine, refine_paths, squeeze
 from agents.planner.solve.refine.knots import durations
 from agents.planner.solve.spacetime import deconflict
 from agents.planner.solve.spacetime.turns import in_turn
@@ -40,6 +40,7 @@ LONG = 1.1  # times what the ways take; a plan that takes longer is worth making
 ROOM = 0.1  # radii; with so much more between obstacles, ways can be bent and their corners cut
 SHARES = 8  # of a margin
 EFFORT, EFFORT_FOR = 3.0, 30.0  # s to find something shorter than a queue, and as much again for so many vehicles
+MOST_SAMPLES = 1_000_000  # of all motions of a plan together, five a second: 0.4 GB in the space-time optimiser
 CROWDED = 0.5  # share of all; when so many are in each other's way, it is a narrow place that they must pass in turn
 
 
@@ -121,6 +122,9 @@ class Pipeline:
             room = ROOM * float(problem.radius[others].min(initial=np.inf))
             try:
                 paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
+                takes = np.zeros(count)
+                takes[others] = durations(part(problem, others), paths)
+                check_length(problem, takes)
                 return problem, planes, others, paths
             except PlanError as e:
                 known = never.sum()
@@ -207,6 +211,20 @@ class Pipeline:
             yield queue
         yield negotiated(self.deadline)
         yield direct(500, FACTORS[2:], self.deadline)
+
+
+def check_length(problem: Problem, takes: Floats) -> None:
+    """Raises :class:`PlanError` for a plan with more samples than there is memory and time for. ``takes``: s, (N,), of
+    the way that each has; planes' are looked for later, and are taken to be straight and flown as slowly as can be.
+    """
+    away = np.linalg.norm(problem.goal - problem.start, axis=1)
+    takes = np.where(problem.kind == PLANE, away / np.maximum(problem.vmin, 1e-9), takes)
+    longest = int(takes.argmax())
+    samples = len(problem) * float(takes[longest]) / FINE_STEP
+    if samples > MOST_SAMPLES:
+        name, text = problem.ids[longest], f"{len(problem)} vehicles for so long: {samples:.2g} samples"
+        text = f"{name} needs {takes[longest]:.0f} s to its goal, and a plan of {text}, {MOST_SAMPLES:.0e} are most"
+        raise PlanError("invalid_scene", [name], text)
 
 
 def half(deadline: Deadline) -> Deadline:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -224,6 +224,19 @@ def test_a_goal_behind_walls_goes_to_who_is_there() -> None:
     with pytest.raises(PlanError) as caught:
         solve(scene)
     assert caught.value.kind == "unreachable"
+
+
+@pytest.mark.parametrize("kind", ["copter", "plane"])
+def test_a_plan_that_no_memory_holds_is_refused(kind: Literal["copter", "plane"]) -> None:
+    """Its samples were counted by the way and the speed alone: of this one, 80 GB and more."""
+    wings = {"vmin": 0.01, "start_heading_deg": 0.0} if kind == "plane" else {}
+    snail = Vehicle(
+        id="v1", type=kind, start=(-5e6, 0.0, 9.0), goal=(5e6, 0.0, 9.0), radius=1.0, vmax=0.02, amax=2.5, **wings
+    )
+    scene = Scene(vehicles=[snail], bounds=Bounds(min=(-6e6, -50.0, 0.0), max=(6e6, 50.0, 20.0)))
+    with pytest.raises(PlanError, match="samples") as caught:
+        solve(scene)
+    assert (caught.value.kind, caught.value.ids) == ("invalid_scene", ["v1"])
 
 
 def test_a_spent_budget_is_said_with_the_vehicles() -> None:

@@ -117,3 +117,13 @@ def test_a_queue_through_windows_keeps_every_rule() -> None:
     motions = in_turn(problem, scene, static.world, paths, lambda i, w, path: None, never(), np.random.default_rng(0))
     assert motions is not None
     assert verify(scene, dict(zip(problem.ids, motions, strict=True)), written=True).ok
+
+
+def test_ways_that_last_for_hours_are_not_looked_at_step_by_step() -> None:
+    """Of two such each step of the one was looked at against each of the other: for hours, whatever time there was."""
+    scene = scene_of(((-10.0, 0.0, 5.0), (10.0, 0.0, 5.0)), ((0.0, -10.0, 5.0), (0.0, 10.0, 5.0)))
+    problem = problem_of(scene)
+    ends = np.stack((problem.start, problem.goal), axis=1)
+    slow = [np.column_stack(([0.0, 1e5], way)) for way in ends]
+    assert turns_of(problem, slow, never()) is None
+    assert turns_of(problem, [way * [1e-3, 1.0, 1.0, 1.0] for way in slow], never()) is not None

@@ -125,7 +125,7 @@ def refine_paths(
         return Refined([np.array([[0.0, *p]]) for p in problem.start])
     best = Refined(None)
     for factor in factors:
-        for swarm in race(problem, world, paths, least * factor, seed):
+        for swarm in race(problem, world, paths, least * factor, seed, deadline):
             if deadline.over:
                 return best
             result = settle_and_finish(swarm, deadline)
@@ -138,7 +138,9 @@ def refine_paths(
     return best
 
 
-def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed: int) -> Iterator[Swarm]:
+def race(
+    problem: Problem, world: World, paths: list[Path], seconds: float, seed: int, deadline: Deadline
+) -> Iterator[Swarm]:
     """First guesses, all stepped a little; those that have come furthest first."""
     field: list[tuple[float, int, Swarm]] = []
     side = ROUND * len(problem)
@@ -148,7 +150,7 @@ def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed
         swarm = Swarm(problem, world, place, seconds)
         for _ in range(HEAT):
             worst = swarm.look(SLIDE)
-            if worst.total == 0.0 and worst.pace <= PACE:
+            if deadline.over or (worst.total == 0.0 and worst.pace <= PACE):
                 break
             swarm.bend(CAP * swarm.length)
         broken = swarm.look(SLIDE).total

@@ -36,6 +36,8 @@ SECONDS = 2.0
 """of the processor for these"""
 AROUND = 0.5
 """s for a way around others' starts and goals"""
+MOST_LOOKS = 1_000_000_000
+"""pairs of steps that are looked at for two ways: a second or two"""
 SPARE = 1.05
 """times what two need between them is kept from others' starts and goals by a way around them"""
 
@@ -202,7 +204,7 @@ def delayed(
 
 
 def turns_of(problem: Problem, motions: Sequence[Motion], until: Deadline) -> Turns | None:
-    """What is barred for these motions and the problem's movers; None: there was no time."""
+    """What is barred for these motions and the problem's movers; None: there was no time, or they last too long."""
     count, squeeze = len(motions), problem.downwash
     strays = np.concatenate((problem.amax * STEP * STEP / 8.0, np.zeros(len(problem.movers))))
     places = [_places(motion) for motion in motions]
@@ -220,6 +222,8 @@ def turns_of(problem: Problem, motions: Sequence[Motion], until: Deadline) -> Tu
             gap = float(apart[i, j])
             if (low[i, :2] > high[j, :2] + gap).any() or (low[j, :2] > high[i, :2] + gap).any():
                 continue
+            if len(places[i]) * len(places[j]) > MOST_LOOKS:
+                return None
             out = np.zeros(len(places[i]) + len(places[j]) - 1, dtype=np.bool_)
             stays = j < count or not problem.movers[j - count].leaves
             if bar(places[i], places[j], gap, squeeze, stays, out):

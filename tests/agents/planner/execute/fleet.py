@@ -20,6 +20,7 @@ from tests.descents import COPTER_DOWN
 from tests.waiting import Watcher
 from zmav import keys, wire
 from zmav.client import Answer
+from zmav.config import BodyConfig
 from zmav.errors import ZmavError
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
@@ -29,6 +30,8 @@ from zmav.waiting import together
 PATIENCE_S = 60.0
 HOME = Home()
 ORIGIN = wire.Origin(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, alt_amsl=HOME.alt_amsl_m)
+NEAR = BodyConfig(position_error=0.05)
+"""of copters that know where they are: what they keep between their layers is little, and so is the way up and down"""
 ROUTER = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
 
 

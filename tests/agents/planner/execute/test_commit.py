@@ -148,3 +148,15 @@ def test_the_order_is_the_same_by_brute_force() -> None:
 def test_few_vehicles_have_an_order_too(n: int) -> None:
     parts = [part_of(f"v{k}", (5.0 * k, 0.0), (5.0 * k, 10.0)) for k in range(n)]
     assert Order(parts, 1.0).allows(0, 3.0, np.zeros(n)) is None
+
+
+def test_who_goes_first_is_known_however_long_a_plan_lasts() -> None:
+    """Moments are quarters of a second: after 8191 s they had come round, and nobody went first any more."""
+    late = 9000.0
+    first = part_of("first", (10.0, 0.0), (10.0, 20.0), delay=late)
+    second = part_of("second", (0.0, 0.0), (20.0, 0.0), delay=late + 30.0)
+    order = Order([first, second], 1.5)
+    stops = np.array([late, np.inf])
+    assert order.allows(1, late + 31.0, stops) is None
+    assert order.allows(1, second.track.end, stops) == 0
+    assert order.allows(1, second.track.end, np.array([first.track.end, np.inf])) is None

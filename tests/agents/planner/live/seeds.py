@@ -124,7 +124,7 @@ class Keeping(planning.Planner):
         """``views``: everybody, as heard now."""
         worker = SolverProcess(None)  # type: ignore[arg-type]
 
-        async def do(job: jobs.Job) -> Any:
+        async def do(job: jobs.Job[Any]) -> Any:
             if isinstance(job, jobs.Resolve):
                 return resolve(job.goal, job.view, job.scene, None, job.floor)
             return worker.do(job)
@@ -134,7 +134,7 @@ class Keeping(planning.Planner):
             settings=PlannerSettings(name="seeds", margin=MARGIN, downwash=DOWNWASH, plan_seconds=15.0),
             airspace=nothing,
             kin=lambda goal: (),
-            world=SimpleNamespace(pieces=lambda t: Pieces()),
+            world=SimpleNamespace(pieces=lambda t, lasting: Pieces()),
             fleet=SimpleNamespace(all=lambda: [SimpleNamespace(view=view, age=0.0) for view in views()]),
             homes=SimpleNamespace(movers=lambda *_: ()),
             clocks=SimpleNamespace(clock=SimpleNamespace(now=lambda: 0.0)),

@@ -126,7 +126,7 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     await field.until(name, lambda entry: entry.state == "paused")
     run = field.agent.runs[name]
     assert isinstance(run.flying, LeasedVehicles)
-    executor = run.flying.executor
+    executor = run.flying
     await within(PATIENCE_S, _until(lambda: executor.phase != "flying"))  # or halted, on a machine that is too slow
     rest = field.fleet.places()["quad1"]
     assert field.away("quad1", there.to[0]) > 5.0

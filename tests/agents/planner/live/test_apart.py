@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 import time
 from collections.abc import AsyncIterator
@@ -13,22 +12,19 @@ import numpy as np
 import pytest
 import pytest_asyncio
 
-import zmav
-from agents.planner.cli.asking import find
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live.accuracy import Accuracies
-from agents.planner.live.agent import Agent
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.plan import Planner
 from agents.planner.live.preview import preview
-from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.tally import Tally
 from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Box
-from tests.agents.planner.execute.fleet import Fleet, airborne
+from tests.agents.planner.execute.fleet import Fleet
+from tests.agents.planner.live.led import Field, led
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.config import Separation, body_of
-from zmav.waiting import within
 from zmav.wire import swarm
 from zmav.wire.swarm import Beacon
 
@@ -91,72 +87,46 @@ def test_room_is_half_of_what_two_share_and_all_of_what_a_wall_leaves() -> None:
 # Flown.
 
 
-class Pair:
-    def __init__(self, fleet: Fleet, agent: Agent, me: zmav.Client) -> None:
-        self.fleet, self.agent, self.me = fleet, agent, me
-
-    async def submit(self, *to: wire.Vector) -> swarm.GoalEntry:
-        goal = swarm.GoTo(vehicles=[f"quad{i + 1}" for i in range(len(to))], to=list(to))
-        given = await (await find(self.me)).order("submit", swarm.Submit(goal=goal))
-        return self.agent.context.ledger.find(str(given["goal"]))[0]
-
-    async def ended(self, entry: swarm.GoalEntry) -> None:
-        async def ended() -> None:
-            while entry.state not in ("done", "failed", "cancelled"):
-                await asyncio.sleep(0.05)
-
-        await within(PATIENCE_S, ended())
-
-    async def done(self, entry: swarm.GoalEntry) -> None:
-        await self.ended(entry)
-        assert entry.state == "done", entry.text
-
-    def said(self, kind: str, since: float = 0.0) -> list[str]:
-        return [event.text for event in self.agent.context.events if event.kind == kind and event.t >= since]
+async def given(field: Field, *to: wire.Vector) -> swarm.GoalEntry:
+    goal = swarm.GoTo(vehicles=[f"quad{i + 1}" for i in range(len(to))], to=list(to))
+    return field.agent.context.ledger.find(await field.submit(goal))[0]
 
 
-@contextlib.asynccontextmanager
-async def planned(places: list[tuple[float, float]]) -> AsyncIterator[Pair]:
-    """Two copters in the air above these places, and their planner."""
-    async with contextlib.AsyncExitStack() as stack:
-        fleet = await stack.enter_async_context(airborne(places, 10.0, separation=Separation(on=True)))
-        agent = await stack.enter_async_context(Agent(fleet.z, PlannerSettings(name="ground", patience=1.0)))
-        await agent.context.solver.until_ready(PATIENCE_S)
-        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        yield Pair(fleet, agent, me)
+def said(field: Field, kind: str, since: float = 0.0) -> list[str]:
+    return [event.text for event in field.agent.context.events if event.kind == kind and event.t >= since]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def pair() -> AsyncIterator[Pair]:
-    async with planned(WIDE) as pair:
+async def pair() -> AsyncIterator[Field]:
+    async with led(WIDE, 10.0, separation=Separation(on=True)) as pair:
         yield pair
 
 
 @pytest_asyncio.fixture
-async def near() -> AsyncIterator[Pair]:
+async def near() -> AsyncIterator[Field]:
     """2.2 m apart: fewer than even a slow plan keeps."""
-    async with planned(PLACES) as pair:
+    async with led(PLACES, 10.0, separation=Separation(on=True)) as pair:
         yield pair
 
 
-async def test_two_that_rest_too_near_to_each_other_draw_apart_and_then_fly(near: Pair) -> None:
+async def test_two_that_rest_too_near_to_each_other_draw_apart_and_then_fly(near: Field) -> None:
     pair = near
     goal = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(12.0, 8.0, -10.0), (12.0, 0.0, -10.0)])
-    told = await (await find(pair.me)).order("preview", swarm.Preview(goal=goal))
+    told = await (await pair.planner()).order("preview", swarm.Preview(goal=goal))
     first, then = told["steps"]
     assert first["text"].startswith("first they draw apart")
     assert math.dist(*(track[-1][1:3] for track in first["tracks"].values())) > 2.2
     assert told["seconds"] == pytest.approx(first["seconds"] + then["seconds"], abs=0.2)
     async with pair.fleet.watch() as watch:
-        await pair.done(await pair.submit((12.0, 8.0, -10.0), (12.0, 0.0, -10.0)))
+        await pair.until(await pair.submit(goal), lambda entry: entry.state == "done")
         assert watch.least(1.5) > 2.1, "never nearer than they were"
-    (text,) = pair.said("room")
+    (text,) = said(pair, "room")
     assert "draw apart" in text
     assert math.dist(pair.fleet.places()["quad1"], (12.0, 8.0, -10.0)) < 1.0
 
 
 @pytest.mark.asyncio(loop_scope="module")
-async def test_a_takeoff_from_crowded_pads_is_previewed_as_it_is_flown(pair: Pair) -> None:
+async def test_a_takeoff_from_crowded_pads_is_previewed_as_it_is_flown(pair: Field) -> None:
     """One above the other, by what two need, is nearer than any plan keeps for positions: first they draw apart."""
     context = pair.agent.context
     body = msgspec.structs.replace(body_of("copter"), radius=1.0 + 0.5 + 2.5)
@@ -175,20 +145,20 @@ async def test_a_takeoff_from_crowded_pads_is_previewed_as_it_is_flown(pair: Pai
 
 
 @pytest.mark.asyncio(loop_scope="module")
-async def test_who_was_moved_aside_by_itself_is_taken_along_again(pair: Pair) -> None:
+async def test_who_was_moved_aside_by_itself_is_taken_along_again(pair: Field) -> None:
     """Its last resort sees somebody in its way whom no planner knows."""
     begun, (_, start, _) = time.time(), pair.fleet.places()["quad1"]
     goal = (0.0, start - 30.0, -10.0)
-    entry = await pair.submit(goal)
+    entry = await given(pair, goal)
     async with pair.fleet.watch() as watch:
         await watch.until(lambda: pair.fleet.places()["quad1"][1] < start - 6.0, "it flies")
         north, east, down = pair.fleet.places()["quad1"]
-        while not pair.said("halt", begun):
+        while not said(pair, "halt", begun):
             ghost = Beacon(t=time.time(), pos=(north, east - 9.0, down), vel=(0.0, 0.0, 0.0), radius=1.0)
             pair.me.session.put(keys.BEACON.key("demo", "ghost"), wire.encode(ghost))
             await asyncio.sleep(0.1)
-    assert "flies no trajectory of ours" in pair.said("halt", begun)[0]
-    await pair.done(entry)
+    assert "flies no trajectory of ours" in said(pair, "halt", begun)[0]
+    await pair.until(entry.id, lambda entry: entry.state == "done")
     assert math.dist(pair.fleet.places()["quad1"], goal) < 1.0
 
 
@@ -206,12 +176,11 @@ class Faulty(Accuracies):
 
 
 @pytest.mark.asyncio(loop_scope="module")
-async def test_nothing_is_flown_that_is_not_watched(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_nothing_is_flown_that_is_not_watched(pair: Field, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pair.agent.context.fleet, "accuracies", Faulty(pair.fleet))
     north, start, _ = pair.fleet.places()["quad1"]
-    entry = await pair.submit((north, start - 40.0, -10.0))
-    await pair.ended(entry)
-    assert entry.state == "failed"
+    entry = await given(pair, (north, start - 40.0, -10.0))
+    await until(lambda: entry.state == "failed", entry, PATIENCE_S)
     assert "the planner's own fault: LookupError('oops')" in entry.text
     state = await pair.me.vehicle("quad1").wait_until(lambda s: s.lease is None, PATIENCE_S)
     assert state.local is not None

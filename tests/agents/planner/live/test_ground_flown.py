@@ -15,7 +15,7 @@ import pytest_asyncio
 from agents.planner.live.field import FleetField, check_field
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.model.ground import GroundMap
-from tests.agents.planner.execute.fleet import ORIGIN, Watch
+from tests.agents.planner.execute.fleet import NEAR, ORIGIN, Watch
 from tests.agents.planner.live.led import Field, led
 from tests.waiting import until
 from zmav import geo
@@ -68,7 +68,7 @@ async def field(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Field
     failsafe = Failsafe(land_after=4.0, action="land", returns="together")
     known = GroundMap(ground, ORIGIN)
     settings = PlannerSettings(name="ground", patience=1.0, field=FleetField(fence, {}, ORIGIN), ground=known)
-    async with led(STARTS, 14.0, settings, cache=str(cache), geofence=fence, failsafe=failsafe) as field:
+    async with led(STARTS, 14.0, settings, cache=str(cache), geofence=fence, failsafe=failsafe, body=NEAR) as field:
         yield field
 
 

@@ -46,7 +46,7 @@ async def at_rest_in_a_pause(field: Field, name: str) -> Run:
     await until(lambda: run.flying is not None, "it is not flown", PATIENCE_S)
     await (await field.planner()).order("pause", swarm.GoalId(goal=name))
     assert isinstance(run.flying, LeasedVehicles)
-    executor = run.flying.executor
+    executor = run.flying
     await until(lambda: executor.phase != "flying", "it does not come to rest", PATIENCE_S)
     executor.halt(f"a gust during {name}")
     return run

@@ -150,9 +150,11 @@ async def counted(counts: Mapping[str, int], reason: str, least: int) -> None:
     await within(PATIENCE_S, wait())
 
 
-async def test_a_planner_that_refuses_hides_none_that_is_in_charge(net: Net) -> None:
+async def test_the_planner_that_is_in_charge_is_asked_and_no_other(net: Net) -> None:
+    """Its own word says which one that is; what it refuses with is told."""
     _, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as ground, zmav.open(connect=[endpoint]) as z:
+        charge = keys.FLEET.key("demo", topic="charge")
         status = {"planner": "second", "in_charge": True, "term": 1, "instance": "2"}
         outcome = wire.encode(wire.Outcome(verb="status", status="done", took=0.0, result=status))
 
@@ -164,22 +166,34 @@ async def test_a_planner_that_refuses_hides_none_that_is_in_charge(net: Net) -> 
             with query:
                 query.reply(str(query.key_expr), outcome)
 
+        async def says(name: str) -> None:
+            while True:
+                told = swarm.Charge(t=time.time(), planner=name, instance=name, term=1)
+                ground.session.put(charge, wire.encode(told))
+                await asyncio.sleep(0.05)
+
         there: list[object] = []
         for name, on_query in (("first", refuse), ("second", answer)):
             about = {"role": "planner", "sys": 0, "autopilot": "-", "uid": "-", "instance": name}
             key = keys.SWARM.key("demo", name, verb="status")
             there.append(ground.session.declare_queryable(key, on_query))
             there.append(ground.session.liveliness().declare_token(keys.ALIVE.key("demo", name, **about)))
-            if name == "first":
-                with pytest.raises(Refused, match="busy"):
-                    await within(PATIENCE_S, find(z))
 
         async def named() -> None:
-            while len(await planners(z)) < 2:
+            while await planners(z) != ["first", "second"]:
                 pass
 
         await within(PATIENCE_S, named())
-        assert (await within(PATIENCE_S, find(z))).name == "second"
+        with pytest.raises(Refused, match="first, second: standing by"):
+            await within(PATIENCE_S, find(z))
+        for name in ("first", "second"):
+            saying = asyncio.create_task(says(name))
+            if name == "first":
+                with pytest.raises(Refused, match="busy"):
+                    await within(PATIENCE_S, find(z))
+            else:
+                assert (await within(PATIENCE_S, find(z))).name == "second"
+            saying.cancel()
 
 
 async def test_a_goal_is_waited_for_by_the_clock_and_not_by_books(net: Net) -> None:

@@ -31,7 +31,8 @@ async def field() -> AsyncIterator[Field]:
     places = [(0.0, 0.0), (0.0, 20.0), (0.0, 40.0)]
     async with led(places, 15.0, params={**COPTER_DOWN, "BATT_CAPACITY": PACK}) as field:
         third = field.me.vehicle("quad3")
-        await third.land()
+        with field.fleet.quickly():
+            await third.land()
         await third.wait_until(lambda state: state.armed is False and bool(state.ready), PATIENCE_S)
         yield field
 

@@ -7,6 +7,7 @@ import io
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,7 +22,7 @@ from agents.planner.model.errors import PlanError
 from agents.planner.model.scene import Bounds, Box, NoFly, Scene, Vehicle
 from tests.waiting import until
 from zmav.config import body_of
-from zmav.errors import BadInput, TimedOut
+from zmav.errors import BadInput, TimedOut, ZmavError
 from zmav.waiting import within
 from zmav.wire import swarm
 
@@ -133,9 +134,8 @@ async def _of(job: asyncio.Future[jobs.JudgedPlan]) -> jobs.JudgedPlan:
 
 
 def test_typed_errors_cross_the_pipe() -> None:
-    from agents.planner.live.solver import error_of
-
-    error = error_of(jobs.Failed(1, "plan", "no way", {"kind": "unreachable", "ids": ["a"]}))
+    out = io.BytesIO(jobs.frame(PlanError("unreachable", ["a"], "no way")))
+    error = jobs.read(out)
     assert isinstance(error, PlanError)
     assert (error.kind, error.ids, error.message) == ("unreachable", ["a"], "no way")
 
@@ -152,10 +152,10 @@ def test_a_scene_that_cannot_be_judged_is_a_typed_error_too() -> None:
     assert served(jobs.Solve(wrong)).detail["kind"] == "invalid_scene"
 
 
-def served(job: jobs.Job) -> jobs.Failed:
+def served(job: jobs.Job[Any]) -> ZmavError:
     out = io.BytesIO()
     SolverProcess(out).serve(7, job)
     out.seek(0)
     failed = jobs.read(out)
-    assert isinstance(failed, jobs.Failed)
-    return failed
+    assert isinstance(failed.result, ZmavError)
+    return failed.result

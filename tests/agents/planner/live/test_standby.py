@@ -58,3 +58,20 @@ async def test_what_is_no_obstacle_is_named_and_the_rest_of_its_map_kept(net: Ne
         agent.check_map(book, [entry])
         assert entry.state == "paused"
         assert f"2 are known here (not kept: {FENCE}" in agent.context.events[-1].text
+
+
+async def test_a_map_that_was_overtaken_brings_nothing_back(net: Net) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z:
+        agent = Agent(z, PlannerSettings(name="aside"))
+        agent.on_book(wire.encode(swarm.Book(**CHIEF, term=1, obstacles=1)))
+
+        def kept(t: float, *names: str) -> list[str]:
+            told = swarm.ObstacleMap(**{**CHIEF, "t": t}, obstacles=[tree(name) for name in names])
+            agent.on_map(wire.encode(told))
+            return [each.name for each in agent.context.world.obstacles]
+
+        assert kept(1000.0, "oak", "elm") == ["elm", "oak"]
+        assert kept(1005.0, "oak") == ["oak"]
+        assert kept(1000.0, "oak", "elm") == ["oak"]
+        assert kept(5.0, "oak", "elm") == ["elm", "oak"], "its clock was set back: no map is late for so long"

@@ -6,14 +6,20 @@ import asyncio
 import contextlib
 import math
 import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import zmav
 from agents.planner.cli.asking import books, find
+from agents.planner.goals.steps import FleetView, PlanTo, VehicleView
+from agents.planner.live.fleet import Hearing
+from agents.planner.live.plan import LATER, SOON, Margins, Planned, Planner
 from agents.planner.live.settings import PlannerSettings
-from agents.planner.live.traffic import MOST, TrafficWatch
+from agents.planner.live.traffic import MOST, RENEWED, TrafficWatch
 from agents.planner.live.world import World
+from agents.planner.model.errors import PlanError
 from ground.traffic.feeds import Feed
 from ground.traffic.program import TrafficProgram, TrafficSettings
 from tests.agents.planner.execute.fleet import ORIGIN
@@ -21,6 +27,7 @@ from tests.agents.planner.live.led import led
 from tests.sbs import MadeUp, SbsSource
 from tests.waiting import until
 from zmav import geo, wire
+from zmav.config import body_of
 from zmav.errors import BadInput
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -51,7 +58,7 @@ def test_an_aircraft_is_a_ball_that_moves_and_grows_with_its_age() -> None:
     watch, world = TrafficWatch(100.0), World()
     watch.hear(told(craft(1, 1000.0)))
     now = time.monotonic()
-    young, old = (watch.obstacles([state()], now + age, 100.0)[0].what for age in (0.0, 10.0))
+    young, old = (watch.obstacles([state()], now + age, 100.0)[0].obstacle.what for age in (0.0, 10.0))
     assert isinstance(young, swarm.Ball)
     assert isinstance(old, swarm.Ball)
     assert young.center == pytest.approx((1000.0, 0.0, -50.0), abs=10.0)
@@ -65,12 +72,90 @@ def test_an_aircraft_is_a_ball_that_moves_and_grows_with_its_age() -> None:
     assert watch.obstacles([state()], now + 60.0, 100.0) == []
 
 
+def test_a_plan_keeps_clear_of_what_an_aircraft_grows_to_until_it_is_heard_again() -> None:
+    """Else it would be stopped within a second, and made again, and again."""
+    watch, world = TrafficWatch(100.0), World()
+    watch.hear(told(craft(1, 1000.0)))
+    now = time.monotonic()
+
+    def radii(lasting: bool) -> list[float]:
+        return [mover.radius for mover in world.pieces(100.0, lasting).movers]
+
+    world.traffic = watch.obstacles([state()], now, 100.0)
+    assert radii(True) == radii(False), "its height is off by more"
+    world.traffic = watch.obstacles([state()], now + 3.0, 100.0)
+    planned, flown = radii(True), radii(False)
+    world.traffic = watch.obstacles([state()], now + 3.0 + RENEWED, 100.0)
+    assert radii(False) == pytest.approx(planned, abs=0.01)
+    assert planned[0] == pytest.approx(flown[0] + 20.0 * RENEWED, abs=1.0), "two fifths of its speed"
+
+
+class Stubborn(Planner):
+    """Has no plan while the aircraft is there, and takes longer to find that out each time."""
+
+    def __init__(self, world: World, *takes: float) -> None:
+        context = SimpleNamespace(
+            world=world,
+            settings=PlannerSettings(),
+            kin=lambda goal: set(),
+            airspace=SimpleNamespace(others=lambda kin: []),
+            fleet=SimpleNamespace(hearing=lambda: Hearing(frozenset(), frozenset())),
+        )
+        super().__init__(context, "g1-1", SimpleNamespace())  # type: ignore[arg-type]
+        self.takes, self.tried = list(takes), list[float]()
+
+    async def next_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
+        self.tried.append(time.monotonic())
+        await asyncio.sleep(self.takes.pop(0))
+        raise PlanError("unreachable", ["quad1"], "no way")
+
+
+async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time took all of a processor, which other goals' plans wait for."""
+    world, now, said, near = World(), 0.0, list[str](), []
+    for each in (craft(1, 1000.0), craft(2, 200.0, velocity=(-20.0, 0.0, 0.0))):
+        watch = TrafficWatch(100.0)
+        watch.hear(told(each))
+        near.append(watch.obstacles([state()], time.monotonic(), time.time()))
+    world.traffic = near[0]
+
+    async def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    planner = Stubborn(world, 0.1, 15.0, 2.0, 40.0)
+
+    async def margins() -> Margins:
+        return [(0.5, 1.0)]
+
+    fleet = FleetView({"quad1": VehicleView("quad1", "copter", body_of("copter"), (0.0, 0.0, -50.0))})
+    with pytest.raises(PlanError, match="no way"):
+        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, said.append)
+    assert planner.tried == pytest.approx([0.0, 0.1 + SOON, 16.1 + LATER, 23.1 + 2.0])
+    assert said == ["waits for room beside traffic 000001: no way"] * 3
+    # Nor at all while one is about to pass over who rests, and nobody has time to fly out of its way.
+    begun, said, planner.takes, planner.tried = now, list[str](), [0.1], []
+
+    def passes(text: str) -> None:
+        said.append(text)
+        if len(said) == 3:
+            world.traffic = []
+
+    world.traffic = near[1]
+    with pytest.raises(PlanError, match="no way"):
+        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, passes)
+    assert said == ["waits for room beside traffic 000002: it is about to pass"] * 3
+    assert planner.tried == pytest.approx([begun + 3.0 * SOON])
+
+
 def test_what_is_far_or_stands_is_no_obstacle_and_the_nearest_are_few() -> None:
     watch = TrafficWatch(100.0)
     far, rolls = craft(1, 20_000.0), craft(2, 500.0, ground=True)
     watch.hear(told(far, rolls, *(craft(3 + i, 1000.0 + i) for i in range(25, 0, -1))))
     found = watch.obstacles([state()], time.monotonic(), 0.0)
-    assert [each.name for each in found] == [f"traffic {4 + i:06x}" for i in range(MOST)]
+    assert [each.obstacle.name for each in found] == [f"traffic {4 + i:06x}" for i in range(MOST)]
     assert watch.obstacles([], time.monotonic(), 0.0) == []
 
 
@@ -78,8 +163,8 @@ def test_a_height_that_is_not_known_is_the_vehicles_own() -> None:
     watch = TrafficWatch(100.0)
     watch.hear(told(craft(1, 500.0, alt=None, velocity=None)))
     (found,) = watch.obstacles([state()], time.monotonic(), 0.0)
-    assert isinstance(found.what, swarm.Ball)
-    assert found.what.center[2] == pytest.approx(-10.0)
+    assert isinstance(found.obstacle.what, swarm.Ball)
+    assert found.obstacle.what.center[2] == pytest.approx(-10.0)
 
 
 def test_none_are_kept_clear_of_where_the_settings_say_so() -> None:
@@ -112,17 +197,17 @@ async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None
         await until(lambda: bool(agent.context.world.traffic), "the aircraft that is far", PATIENCE_S)
         planner = await find(me)
         north, east, down = fleet.places()["quad1"]
-        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 150.0, east, down)])
+        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 130.0, east, down)])
         name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
 
         def flies() -> bool:
             return fleet.places()["quad1"][0] - north > 15.0
 
         await until(flies, "the copter on its way", PATIENCE_S)
-        # It comes from the west, and crosses the way some 115 m ahead, about when the copter would be there: where that
+        # It comes from the west, and crosses the way some 95 m ahead, about when the copter would be there: where that
         # comes to rest it is not in its way, for which there would be no plan before it has passed.
-        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 23.0
-        crossing = MadeUp(0x3C4B12, "CROSS", (north + 130.0, east - v[1] * crosses, down), v)
+        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 19.0
+        crossing = MadeUp(0x3C4B12, "CROSS", (north + 110.0, east - v[1] * crosses, down), v)
         source.aircraft.append(crossing)
         nearest = math.inf
 

@@ -18,7 +18,7 @@ from agents.planner.live.fleet import HeardVehicle
 from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
 from agents.planner.live.settings import PlannerSettings, fence_of
-from agents.planner.live.world import Pieces, World
+from agents.planner.live.world import LATE, Pieces, World
 from agents.planner.model import scene
 from zmav import Client, wire
 from zmav.config import FleetConfig, Geofence, body_of
@@ -70,6 +70,37 @@ def test_what_is_not_said_again_is_forgotten() -> None:
     assert [each.name for each in world.obstacles] == ["a", "b"]
     world.expire(13.0)
     assert [each.name for each in world.obstacles] == ["b"]
+
+
+def test_what_is_gone_does_not_come_back_by_a_late_word() -> None:
+    """Networks hold messages back for half a minute, and give some twice."""
+    world, late = World(), told("a", BOX, t=1.0)
+    world.give(told("a", BOX, t=2.0), 2.0)
+    assert world.give(told("a", None, t=3.0), 3.0)
+    assert not world.give(late, 4.0)
+    assert world.obstacles == []
+    assert not world.give(told("b", None, t=3.0), 3.0), "it overtakes the one that it takes away"
+    assert not world.give(told("b", BOX, t=2.0), 4.0)
+    world.give(told("c", BOX, t=3.0, ttl=2.0), 3.0)
+    world.expire(5.0)
+    assert not world.give(told("c", BOX, t=3.0, ttl=2.0), 5.5), "the very word that was forgotten"
+    square = [(0.0, 0.0), (50.0, 0.0), (50.0, 40.0)]
+    old = told("old", swarm.Geofence(polygon=square, floor=0.0, ceiling=20.0), t=1.0)
+    world.give(old, 6.0)
+    world.give(told("new", swarm.Geofence(polygon=square, floor=1.0, ceiling=30.0), t=6.0), 6.5)
+    assert not world.give(old, 7.0)
+    assert [each.name for each in world.obstacles] == ["new"]
+    assert world.give(told("a", BOX, t=3.5), 8.0), "who puts it again means it"
+    world.expire(4.0 + LATE)
+    assert world.give(told("b", BOX, t=2.0), 4.0 + LATE), "its clock was set back: nothing is late for so long"
+
+
+def test_of_what_is_gone_no_more_is_remembered_than_of_what_is_there() -> None:
+    world = World()
+    world.give(told("first", None, t=9.0), 0.0)
+    for number in range(MOST_OBSTACLES):
+        world.give(told(f"b{number}", None, t=9.0), 0.0)
+    assert world.give(told("first", BOX, t=1.0), 0.0)
 
 
 def test_there_is_one_fence() -> None:
@@ -148,7 +179,7 @@ def test_the_fleet_file_s_fence_holds_again_when_another_is_gone() -> None:
     world.give(told("fleet-file", other, t=1.0, ttl=5.0), 10.0)
     world.expire(16.0)
     assert world.obstacles == [own], "another one under its name is forgotten as any other"
-    world.give(told("fleet-file", other, t=1.0), 17.0)
+    world.give(told("fleet-file", other, t=1.5), 17.0)
     world.give(told("fleet-file", None, t=2.0), 18.0)
     assert world.obstacles == [], "who takes it away by its name means it"
 
