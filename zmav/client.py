@@ -38,6 +38,7 @@ from zmav.vehicle.vehicle import is_meant
 from zmav.waiting import in_thread, on_loop, within
 
 T = TypeVar("T")
+W = TypeVar("W", bound=msgspec.Struct)
 OVER = b"Timeout"
 """Zenoh's own words when a query's time is over: nobody's answer"""
 logger = logging.getLogger(__name__)
@@ -125,6 +126,10 @@ class Client:
         if self._session is None:
             raise RuntimeError("the client is not open: use 'async with zmav.open() as z'")
         return self._session
+
+    async def another_session(self) -> zenoh.Session:
+        """Opened as ours was, for what is not to queue before anything else; who asks for it closes it."""
+        return await open_in_thread(self._settings)
 
     @property
     def dialect(self) -> Dialect:
@@ -323,6 +328,15 @@ class Client:
             return convert(sample) if convert else sample
 
         return Subscription(self.session, keys.expression(key, self.fleet_name), believed, depth, token, history)
+
+    def documents(self, key: str, kind: type[W], depth: int = 1000, history: int = 0) -> Subscription[tuple[str, W]]:
+        """As :meth:`subscribe`: keys, and what came on each as a ``kind``; what is none is counted and left out."""
+
+        def convert(sample: zenoh.Sample) -> tuple[str, W]:
+            where = str(sample.key_expr)
+            return where, wire.decode(sample.payload.to_bytes(), kind, where)
+
+        return self.subscribe(key, convert, depth, history=history)
 
     def stream(self, key: str, depth: int = 1000, hz: float | None = None) -> Subscription[Received]:
         """Every message of a key expression, decoded: ``async with z.stream("quad*/ATTITUDE") as s: async for vehicle,

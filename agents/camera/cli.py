@@ -20,12 +20,11 @@ from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
 from agents.camera.photos import PREFIX, Photos
 from agents.camera.settings import MOST_ZOOM, Calibration, CameraSettings
 from agents.camera.sources import open_source
-from zmav.cli.common import Between, Work, connected, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Between, Work, connected, dump, json_option
 from zmav.cli.vehicles import matching
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
 from zmav.process import say
-from zmav.session import SessionSettings
 from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
 
@@ -113,8 +112,7 @@ USUAL_FOV = math.radians(63.0)
     show_default=True,
     help="Where photos are kept.",
 )
-@fleet_option
-@zenoh_options
+@connected
 def run_camera(
     source: str,
     rate: float,
@@ -128,10 +126,8 @@ def run_camera(
     offset: tuple[float, float, float] | None,
     gimbal: bool,
     size: tuple[int, int],
-    fleet: str,
-    settings: SessionSettings,
     **rest: Any,
-) -> None:
+) -> Work:
     """Send a camera's pictures: 'zmav camera run 0 --vehicle quad1'.
 
     SOURCE is a V4L2 device (0, /dev/video0), a URL (rtsp://..., or http://... of multipart JPEG, as the simulator
@@ -152,7 +148,7 @@ def run_camera(
         offset=found.offset if found and offset is None else offset or (0.0, 0.0, 0.0),
         **rest,
     ).check()
-    run(_run(given, opened, lens, photos, fleet, settings))
+    return lambda z: _run(z, given, opened, lens, photos)
 
 
 def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | None) -> Calibration | float:
@@ -166,21 +162,10 @@ def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | No
     return USUAL_FOV
 
 
-async def _run(
-    own: CameraSettings,
-    source: Source,
-    lens: Calibration | float,
-    folder: Path,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
-    async with (
-        zmav.open(fleet=fleet, settings=settings) as z,
-        CameraAgent(z, own, source, lens, settings, say) as agent,
-        Photos(z, agent, folder) as photos,
-    ):
+async def _run(z: zmav.Client, own: CameraSettings, source: Source, lens: Calibration | float, folder: Path) -> None:
+    async with CameraAgent(z, own, source, lens, say) as agent, Photos(z, agent, folder) as photos:
         telling = asyncio.ensure_future(photos.run())
-        say(f"{fleet}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
+        say(f"{z.fleet_name}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
         try:
             await agent.serve()
         finally:
@@ -321,28 +306,16 @@ class PictureRecorder:
     metavar="RATE",
     help="What our link has for pictures, as 60kB/s.  [default: the camera finds out]",
 )
-@fleet_option
-@zenoh_options
-def view_camera(
-    vehicle: str,
-    camera: str,
-    record: Path | None,
-    wait: float,
-    link: float | None,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+@connected
+def view_camera(vehicle: str, camera: str, record: Path | None, wait: float, link: float | None) -> Work:
     """Show what comes of a camera each second: rate, delay, size, loss. 'zmav view' shows the pictures themselves.
 
     The delay is from shutter to here, by both computers' clocks. What --record has written stays whole whatever ends
     it; nothing is written while less than 1 GB is free.
     """
 
-    async def view() -> None:
-        async with (
-            zmav.open(fleet=fleet, settings=settings) as z,
-            Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures,
-        ):
+    async def view(z: zmav.Client) -> None:
+        async with Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures:
             try:
                 first = await within(wait, pictures.get())
             except asyncio.TimeoutError:
@@ -353,7 +326,7 @@ def view_camera(
                 since = [first]
                 await together(_take(pictures, since, recorder), _tell(pictures, since, recorder))
 
-    run(view())
+    return view
 
 
 async def _take(pictures: Reader, since: list[Picture], recorder: PictureRecorder | None) -> None:

@@ -97,7 +97,7 @@ async def run_video(net: Net) -> AsyncIterator[Run]:
             z = await stack.enter_async_context(zmav.open(settings=settings))
             own = CameraSettings(vehicle="quad1", **how)
             agent: VideoAgent = await stack.enter_async_context(
-                VideoAgent(z, own, streams or (Played(),), settings, say or (lambda line: None))
+                VideoAgent(z, own, streams or (Played(),), say or (lambda line: None))
             )
             return agent
 
@@ -266,7 +266,7 @@ async def test_a_camera_without_streams_is_none(net: Net, run_video: Run) -> Non
     _, endpoint = net.router()
     async with reading(endpoint) as z:
         with pytest.raises(BadConfig, match="without a stream"):
-            VideoAgent(z, CameraSettings(vehicle="quad1"), [], SessionSettings(connect=[endpoint]))
+            VideoAgent(z, CameraSettings(vehicle="quad1"), [])
 
 
 class TestCommands:
