@@ -14,7 +14,7 @@ import click
 import msgspec
 
 import zmav
-from agents.camera.cli import name_option, pair, rate_bytes
+from agents.camera.cli import link_option, name_option, pair, rate_bytes
 from agents.camera.settings import CameraSettings
 from agents.camera.streams import Stream, open_stream
 from agents.camera.video import VideoAgent
@@ -49,10 +49,13 @@ def video() -> None:
     help="A fleet file, whose [vehicles.NAME.cameras] has the sources.",
 )
 @click.option("--rate", type=Between(1.0, 60.0), default=30.0, show_default=True, help="Hz, asked of a device.")
-@click.option("--size", callback=pair, default="1280x720", show_default=True, help="Pixels, asked of a device.")
+@click.option(
+    "--size", type=pair, metavar="WxH", default="1280x720", show_default=True, help="Pixels, asked of a device."
+)
 @click.option(
     "--budget",
-    callback=rate_bytes,
+    type=rate_bytes,
+    metavar="RATE",
     default="100kB/s",
     show_default=True,
     help="To begin with, and for readers that do not report.",
@@ -156,12 +159,7 @@ def _show(found: list[tuple[str, wire.VideoInfo]], as_json: bool) -> None:
 )
 @click.option("--sdp", "description", type=click.Path(path_type=Path), help="With rtp://: write what a player reads.")
 @click.option("--wait", type=Between(0.1), default=10.0, show_default=True, help="Seconds for a first unit.")
-@click.option(
-    "--link",
-    callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),
-    metavar="RATE",
-    help="What our link has for video, as 60kB/s.  [default: the camera finds out]",
-)
+@link_option
 @json_option
 @connected
 def show_video(

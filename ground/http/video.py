@@ -13,7 +13,6 @@ import contextlib
 import functools
 import logging
 from collections.abc import Callable
-from fractions import Fraction
 from typing import Any
 
 import msgspec
@@ -26,7 +25,7 @@ from ground.http.reply import Failure
 from ground.http.sharing import Pool, Shared
 from zmav import keys
 from zmav.errors import BadInput, VehicleError, missing_extra
-from zmav.vision.video import CLOCK_RATE, Unit, Units, VideoReader, video_info
+from zmav.vision.video import Packets, Unit, Units, VideoReader, video_info
 from zmav.waiting import within
 
 LONGEST_SDP = 64_000
@@ -123,30 +122,18 @@ class Viewer:
 
 def _track(following: Any) -> Any:
     """A track whose frames are encoded already: aiortc packs them into RTP and decodes nothing."""
-    import av
     from aiortc.mediastreams import MediaStreamError, MediaStreamTrack
 
     class Passed(MediaStreamTrack):
         kind = "video"
-        _pts = -1
-        _zero: float | None = None
 
         async def recv(self) -> Any:
             try:
-                unit: Unit = await following()
+                return packets.of(await following())
             except EOFError:
                 raise MediaStreamError from None
-            if self._zero is None:
-                self._zero = unit.t
-            pts = round((unit.t - self._zero) * CLOCK_RATE)
-            if not self._pts < pts < self._pts + 10 * CLOCK_RATE:  # the camera's clock was set, or it was away
-                pts = self._pts + CLOCK_RATE // 30
-                self._zero = unit.t - pts / CLOCK_RATE
-            self._pts = pts
-            packet: Any = av.Packet(unit.data)
-            packet.pts, packet.time_base, packet.is_keyframe = pts, Fraction(1, CLOCK_RATE), unit.key
-            return packet
 
+    packets = Packets()
     return Passed()
 
 

@@ -17,7 +17,7 @@ from ground.ros2.params import Parameters
 from ground.ros2.plans import Plans
 from ground.ros2.qos import RELIABLE, SENSOR
 from ground.ros2.rosout import Rosout
-from ground.ros2.setpoints import SetpointTopics
+from ground.ros2.setpoints import setpoint_topics
 from ground.ros2.steering import Steering
 from ground.ros2.swarm import NODE as SWARM
 from ground.ros2.swarm import Swarm
@@ -74,7 +74,7 @@ class VehicleNode:
         self.actions = long_orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
         self.plans = Plans(z, self.node, watch, vehicle.fleet, vehicle.name, fleet_frame(vehicle.fleet))
-        SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
+        setpoint_topics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self.cameras = Cameras(z, ros, watch, vehicle, self.name)
         self._params_node = ros.node(f"/{self.name}", "param")
         Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
