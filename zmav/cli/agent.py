@@ -254,11 +254,10 @@ def list_(vehicles: str, seconds: float, as_json: bool) -> Work:
         found: dict[tuple[str, str], wire.AgentStatus] = {}
 
         async def hear() -> None:
-            async with z.subscribe(keys.AGENT_STATUS.key(z.fleet_name, vehicles, agent="*")) as samples:
-                async for sample in samples:
-                    with contextlib.suppress(BadInput):
-                        status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
-                        found[str(sample.key_expr).split("/")[2], status.agent] = status
+            where = keys.AGENT_STATUS.key(z.fleet_name, vehicles, agent="*")
+            async with z.documents(where, wire.AgentStatus) as statuses:
+                async for key, status in statuses:
+                    found[key.split("/")[2], status.agent] = status
 
         with contextlib.suppress(asyncio.TimeoutError):
             await within(seconds, hear())

@@ -18,7 +18,7 @@ from agents.planner.model.problem import Floats
 from zmav import keys, wire
 from zmav.errors import BadInput, Clash, Forbidden, NotHolder, Refused, ZmavError
 from zmav.vehicle import Lease
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 
 PINGS, SURE, LONGEST = 4, 0.01, 5.0
 """questions of the time before the clock is believed, at least; more, for so many seconds, until it is known so well"""
@@ -81,9 +81,7 @@ class VehicleCommand:
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await cancelled(*self._tasks)
         self.offset.free()
         await self._stack.aclose()
 
@@ -228,9 +226,7 @@ async def learn_time(z: zmav.Client, name: str, clock: Clock, offset: Offset, lo
             asking.append(asyncio.create_task(ask_time(z, name, clock, offset)))
             await asyncio.sleep(PING_SOON)
     finally:
-        for task in asking:
-            task.cancel()
-        await asyncio.gather(*asking, return_exceptions=True)
+        await cancelled(*asking)
 
 
 def way_home(home: Home, offset: Offset) -> wire.WayHome:
