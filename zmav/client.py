@@ -38,7 +38,6 @@ from zmav.vehicle.vehicle import is_meant
 from zmav.waiting import in_thread, on_loop, within
 
 T = TypeVar("T")
-W = TypeVar("W", bound=msgspec.Struct)
 OVER = b"Timeout"
 """Zenoh's own words when a query's time is over: nobody's answer"""
 logger = logging.getLogger(__name__)
@@ -328,15 +327,6 @@ class Client:
             return convert(sample) if convert else sample
 
         return Subscription(self.session, keys.expression(key, self.fleet_name), believed, depth, token, history)
-
-    def documents(self, key: str, kind: type[W], depth: int = 1000, history: int = 0) -> Subscription[tuple[str, W]]:
-        """As :meth:`subscribe`: keys, and what came on each as a ``kind``; what is none is counted and left out."""
-
-        def convert(sample: zenoh.Sample) -> tuple[str, W]:
-            where = str(sample.key_expr)
-            return where, wire.decode(sample.payload.to_bytes(), kind, where)
-
-        return self.subscribe(key, convert, depth, history=history)
 
     def stream(self, key: str, depth: int = 1000, hz: float | None = None) -> Subscription[Received]:
         """Every message of a key expression, decoded: ``async with z.stream("quad*/ATTITUDE") as s: async for vehicle,

@@ -23,6 +23,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
+from zmav.subscription import document
 from zmav.vehicle import Vehicle
 from zmav.waiting import cancelled, within
 from zmav.wire import swarm
@@ -209,7 +210,7 @@ class FleetOrder:
             raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet)
         planner = self._planners[fleet] = found[1]
         key = keys.FLEET.key(fleet, topic="goal")
-        async with self._z.documents(key, swarm.Book) as books:
+        async with self._z.subscribe(key, document(swarm.Book)) as books:
             submit = swarm.Submit(goal=swarm.Return(vehicles=names), id=uuid.uuid4().hex)
             goal = str((await self._ask(fleet, planner, "submit", submit)).get("goal"))
             began = heard = time.monotonic()

@@ -20,6 +20,7 @@ from agents.demo.watch import Truth, Watch
 from zmav import keys, wire
 from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut, ZmavError
+from zmav.subscription import document
 from zmav.waiting import cancelled
 
 LOOK = 0.1
@@ -203,7 +204,7 @@ class Play:
             return [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]
 
         key = keys.AGENT_STATUS.key(z.fleet_name, "*", agent=wait.agent or "none")
-        async with z.documents(key, wire.AgentStatus) as statuses:
+        async with z.subscribe(key, document(wire.AgentStatus)) as statuses:
             reading = asyncio.create_task(hear())
             try:
                 await self._until(lambda: not missing(), within, lambda: _late(wait, missing(), within))

@@ -21,6 +21,7 @@ import zmav
 from zmav import keys, wire
 from zmav.errors import ZmavError
 from zmav.sim import Remote
+from zmav.subscription import document
 
 EVERY = 0.2
 """s between two looks"""
@@ -114,7 +115,7 @@ class Watch:
 
     async def _links(self) -> None:
         key = keys.LINK.key(self._z.fleet_name, "*", link="autopilot")
-        async with self._z.documents(key, wire.LinkQuality) as qualities:
+        async with self._z.subscribe(key, document(wire.LinkQuality)) as qualities:
             async for key, quality in qualities:
                 if track := self.tracks.get(key.split("/")[2]):
                     track.mavlink_lost, track.mavlink_frames = quality.lost, quality.rx_frames

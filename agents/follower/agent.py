@@ -19,6 +19,7 @@ from zmav import keys, wire
 from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale
 from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
+from zmav.subscription import document
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 from zmav.waiting import cancelled, together
@@ -208,7 +209,7 @@ class Follower(FlyingAgent):
     async def _see(self, guide: Guide) -> None:
         """Whatever is found in the vehicle's own pictures, wherever they are looked at."""
         key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=self.settings.camera)
-        async with self.z.documents(key, wire.Detections, depth=20) as sights:
+        async with self.z.subscribe(key, document(wire.Detections), depth=20) as sights:
             async for _, sight in sights:
                 guide.tracker.accel = self["accel"]
                 me = self._here.at(time.time())

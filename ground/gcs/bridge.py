@@ -32,6 +32,7 @@ from ground.gcs.uplink import Uplink
 from zmav import keys, wire
 from zmav.mavlink import Dialect, Frame, decode
 from zmav.ratelimit import RateLimit
+from zmav.subscription import document
 from zmav.waiting import in_thread, on_loop
 
 TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
@@ -165,7 +166,7 @@ class Bridge:
 
     async def _tell_events(self) -> None:
         """Pass on what vehicles' agents say that a person at a station must see."""
-        async with self.z.documents(keys.EVENT.key(self.z.fleet_name, "*"), wire.Event) as events:
+        async with self.z.subscribe(keys.EVENT.key(self.z.fleet_name, "*"), document(wire.Event)) as events:
             async for key, event in events:
                 _, fleet, name, *_ = key.split("/")
                 known = self.routes.vehicles.get((fleet, name))

@@ -24,6 +24,7 @@ from zmav import keys, wire
 from zmav.errors import BadMessage, Forbidden, Refused, ZmavError
 from zmav.mavlink import describe, encode
 from zmav.mavlink.dialect import Field, MessageType
+from zmav.subscription import document
 from zmav.vehicle.rates import MAX_HZ
 from zmav.waiting import within
 
@@ -151,7 +152,7 @@ class MavNode:
         """What vehicles refuse, from the first frame on: one subscription for all that are sent."""
         client = self._gateway.client
         try:
-            async with client.documents(keys.EVENT.key(client.fleet_name, "*"), wire.Event) as events:
+            async with client.subscribe(keys.EVENT.key(client.fleet_name, "*"), document(wire.Event)) as events:
                 self._hears.set()
                 async for key, event in events:
                     for came in self._waiting if event.kind == "refused" else ():

@@ -26,6 +26,7 @@ from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import Refused, TimedOut, ZmavError
 from zmav.ratelimit import RateLimit
+from zmav.subscription import document
 from zmav.swarm import FleetOrder, order_chief
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS
@@ -247,7 +248,9 @@ class SwarmGoal:
 
     async def run(self, feedback: Feedback) -> dict[str, Any]:
         try:
-            async with self._z.documents(keys.FLEET.key(self._z.fleet_name, topic="goal"), swarm.Book) as books:
+            async with self._z.subscribe(
+                keys.FLEET.key(self._z.fleet_name, topic="goal"), document(swarm.Book)
+            ) as books:
                 self._goal = await self._give()
                 self._known.set()
                 await self._watch(books.get, feedback)

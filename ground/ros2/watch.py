@@ -19,6 +19,7 @@ from ground.ros2.node import Ros
 from zmav import keys
 from zmav.client import Client
 from zmav.direct import direct
+from zmav.subscription import document
 from zmav.waiting import cancelled, on_loop
 
 logger = logging.getLogger(__name__)
@@ -59,7 +60,7 @@ class WhileWanted:
 
 async def hear(z: Client, fleet: str, topic: str, payload: type[W], publish: Callable[[W], None]) -> None:
     """Have what is said of a topic of the fleet published, for :class:`WhileWanted`."""
-    async with z.documents(keys.FLEET.key(fleet, topic=topic), payload) as told:
+    async with z.subscribe(keys.FLEET.key(fleet, topic=topic), document(payload)) as told:
         async for _, each in told:
             try:
                 publish(each)

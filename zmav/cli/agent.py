@@ -44,6 +44,7 @@ from zmav.config.table import reading
 from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
+from zmav.subscription import document
 from zmav.waiting import within
 
 GROUP, CONTROLLERS = "zmav.agents", "zmav.controllers"
@@ -255,7 +256,7 @@ def list_(vehicles: str, seconds: float, as_json: bool) -> Work:
 
         async def hear() -> None:
             where = keys.AGENT_STATUS.key(z.fleet_name, vehicles, agent="*")
-            async with z.documents(where, wire.AgentStatus) as statuses:
+            async with z.subscribe(where, document(wire.AgentStatus)) as statuses:
                 async for key, status in statuses:
                     found[key.split("/")[2], status.agent] = status
 

@@ -16,6 +16,7 @@ import msgspec
 import zmav
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, ZmavError
+from zmav.subscription import document
 from zmav.swarm import order_planner
 from zmav.tokens import find_tokens
 from zmav.wire import swarm
@@ -116,7 +117,7 @@ async def books(z: zmav.Client, silence: float) -> AsyncIterator[swarm.Book | No
     """Each book of the planner in charge as it comes; None when none came for ``silence`` seconds."""
 
     highest = 0
-    async with z.documents(keys.FLEET.key(z.fleet_name, topic="goal"), swarm.Book, depth=10) as told:
+    async with z.subscribe(keys.FLEET.key(z.fleet_name, topic="goal"), document(swarm.Book), depth=10) as told:
         while True:
             try:
                 _, book = await zmav.waiting.within(silence, told.get())

@@ -16,6 +16,7 @@ from zmav import keys
 from zmav.cli import places
 from zmav.cli.common import Finite, Work, connected, dump, json_option, show_table, tell
 from zmav.errors import BadInput
+from zmav.subscription import document
 from zmav.wire import Vector, swarm
 
 
@@ -162,7 +163,7 @@ def list_obstacles(as_json: bool) -> Work:
 async def _list_obstacles(z: zmav.Client, as_json: bool) -> None:
     await find(z)
     key = keys.FLEET.key(z.fleet_name, topic="obstacle")
-    async with z.documents(key, swarm.ObstacleMap) as maps:
+    async with z.subscribe(key, document(swarm.ObstacleMap)) as maps:
         _, told = await zmav.waiting.within(12.0, maps.get())
     if as_json:
         click.echo(dump(msgspec.to_builtins(told)))
