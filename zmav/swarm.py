@@ -23,7 +23,6 @@ import zenoh
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
-from zmav.subscription import document
 from zmav.vehicle import Vehicle
 from zmav.waiting import cancelled, within
 from zmav.wire import swarm
@@ -210,7 +209,7 @@ class FleetOrder:
             raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet)
         planner = self._planners[fleet] = found[1]
         key = keys.FLEET.key(fleet, topic="goal")
-        async with self._z.subscribe(key, document(swarm.Book)) as books:
+        async with self._z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.Book, key)) as books:
             submit = swarm.Submit(goal=swarm.Return(vehicles=names), id=uuid.uuid4().hex)
             goal = str((await self._ask(fleet, planner, "submit", submit)).get("goal"))
             began = heard = time.monotonic()
@@ -220,7 +219,7 @@ class FleetOrder:
                 silent = heard + (SILENCE if state else BEGIN)
                 until = min(silent, began + self.plan) if state and not begun else silent
                 try:
-                    _, book = await within(until - time.monotonic(), books.get())
+                    book = await within(until - time.monotonic(), books.get())
                 except asyncio.TimeoutError:
                     self._watch(vehicles)
                     self._dropping.append(asyncio.create_task(self._drop(fleet, planner, goal)))
