@@ -54,7 +54,8 @@ async def planner(endpoint: str) -> AsyncIterator[None]:
 
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
-    specs = [VehicleSpec(params={"DISARM_DELAY": 0.0}, start_ned_m=(8.0 * n, 0.0, 0.0), sysid=n + 1) for n in range(2)]
+    quick = {"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0}  # cm/s
+    specs = [VehicleSpec(params=quick, start_ned_m=(8.0 * n, 0.0, 0.0), sysid=n + 1) for n in range(2)]
     with Fleet(["quad-1", "quad2"], specs, speed=1.0, may_order=True, beside=planner) as fleet:
         yield fleet
 
