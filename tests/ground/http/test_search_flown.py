@@ -14,7 +14,7 @@ from tests.ground.http.browser import CHROMIUM
 from tests.ground.http.flown_page import flown, flown_from_the_page, search
 
 NO_FLY = ((0.47, 0.23), (0.54, 0.23), (0.54, 0.29), (0.47, 0.29))
-AREA = ((0.42, 0.16), (0.64, 0.16), (0.61, 0.34), (0.39, 0.34))
+AREA = ((0.36, 0.12), (0.72, 0.12), (0.68, 0.38), (0.32, 0.38))
 CORNERS = "drawing.shapes.all.find((each) => each.kind === '{}').points.map((each) => [each.lat, each.lon])"
 
 
