@@ -22,6 +22,7 @@ from zmav.process import until_stopped
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.member import Place
+from zmav.waiting import until_any
 
 T = TypeVar("T")
 STATUS_S = 1.0
@@ -110,17 +111,18 @@ async def until_over(status: Status, as_json: bool, work: Coroutine[Any, Any, No
     """Until the process is asked to end or ``work`` has ended, whose error is raised; with ``as_json`` a line of the
     status is printed each second.
     """
-    ends = [asyncio.ensure_future(each) for each in (until_stopped(), work) if each is not None]
+
+    def tell() -> None:
+        state, text, detail = status()
+        click.echo(dump({"state": state, "text": text, **detail}))
+
+    async def tell_on() -> None:
+        while True:
+            await asyncio.sleep(STATUS_S)
+            tell()
+
     try:
-        while not any(end.done() for end in ends):
-            await asyncio.wait(ends, timeout=STATUS_S, return_when=asyncio.FIRST_COMPLETED)
-            if as_json:
-                state, text, detail = status()
-                click.echo(dump({"state": state, "text": text, **detail}))
-        for end in ends:
-            if end.done():
-                end.result()
+        await until_any(until_stopped(), *([work] if work else []), *([tell_on()] if as_json else []))
     finally:
-        for end in ends:
-            end.cancel()
-        await asyncio.wait(ends)
+        if as_json:
+            tell()

@@ -21,6 +21,7 @@ import zenoh
 
 from mesh.plan import RouterPlan
 from mesh.radios import FoundRadio
+from zmav.waiting import cancelled
 
 CALL = bytes((0x01, 0x09, 0x01))
 """as it travels: a Scout, of Zenoh's protocol 9, for routers"""
@@ -103,8 +104,7 @@ async def call_oftener(session: zenoh.Session, plan: RouterPlan) -> AsyncIterato
     try:
         yield calls
     finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        await cancelled(task)
         with contextlib.suppress(zenoh.ZError):  # the session may be closed
             listener.undeclare()
         calls.close()

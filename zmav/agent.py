@@ -40,7 +40,7 @@ from zmav.trust.gate import Origin, ProofRefused, anybody
 from zmav.tunable import Tunable as Tunable
 from zmav.tunable import check_tunable
 from zmav.verbs import Access, Verb
-from zmav.waiting import on_loop, within
+from zmav.waiting import cancelled, on_loop, within
 
 if TYPE_CHECKING:
     from zmav.client import Client
@@ -252,9 +252,7 @@ class Agent:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:
-        if self._heart is not None:
-            self._heart.cancel()
-            await asyncio.gather(self._heart, return_exceptions=True)
+        await cancelled(self._heart)
         self._questions.close()
         for publisher in self._topics.values():
             publisher.undeclare()

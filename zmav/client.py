@@ -126,6 +126,10 @@ class Client:
             raise RuntimeError("the client is not open: use 'async with zmav.open() as z'")
         return self._session
 
+    async def another_session(self) -> zenoh.Session:
+        """Opened as ours was, for what is not to queue before anything else; who asks for it closes it."""
+        return await open_in_thread(self._settings)
+
     @property
     def dialect(self) -> Dialect:
         """The MAVLink dialect messages are decoded with; loaded when first needed."""

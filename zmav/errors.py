@@ -27,6 +27,7 @@ the wire in an error reply, so that a refusal on a vehicle becomes the same exce
 from __future__ import annotations
 
 import difflib
+import importlib
 from collections.abc import Iterable
 from typing import Any, ClassVar, TypeVar
 
@@ -149,6 +150,15 @@ def missing_extra(what: str, package: str | None, extra: str) -> BadConfig:
     made = f", or in a clone 'make {extra}'" if extra in ("planner", "vision") else ""
     text = f"{what} needs {package}: pip install 'zmav[{extra}]'{made}"
     return BadConfig(text, field="installation", value=package, expected=f"zmav[{extra}]")
+
+
+def needs(what: str, extra: str, *modules: str) -> None:
+    """Raise :class:`BadConfig` where one of the modules that an extra of zmav brings for ``what`` is not there."""
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as e:
+            raise missing_extra(what, e.name, extra) from e
 
 
 def did_you_mean(given: str, known: Iterable[str], n: int = 3, cutoff: float = 0.6) -> str:

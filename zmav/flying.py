@@ -12,6 +12,7 @@ import msgspec
 from zmav.agent import Agent
 from zmav.errors import ZmavError
 from zmav.vehicle.lease import Lease
+from zmav.waiting import cancelled
 
 PATIENCE = 10.0
 """s for a vehicle that was not heard yet: over a bad link the first word takes some"""
@@ -67,9 +68,7 @@ class FlyingAgent(Agent):
 
     async def end_flight(self) -> None:
         """Cancel it, and wait until the lease is given back."""
-        if self.flight is not None:
-            self.flight.cancel()
-            await asyncio.gather(self.flight, return_exceptions=True)
+        await cancelled(self.flight)
 
     async def on_broken_off(self, error: Exception, why: str) -> str:
         """What is done after an error in flight; gives the words for the status."""

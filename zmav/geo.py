@@ -23,7 +23,7 @@ def wrap_degrees(angle: float) -> float:
     return (angle + 180.0) % 360.0 - 180.0
 
 
-def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> Vector:
+def to_ned(origin: Origin | GlobalPosition, lat_deg: float, lon_deg: float, alt_amsl: float) -> Vector:
     """North, east, down in metres about ``origin``, by the radii of curvature there; down by altitude.
 
     A straight map, the same for everybody in the fleet. The true tangent plane differs at a distance d by up to
@@ -38,7 +38,7 @@ def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> V
     )
 
 
-def to_global(origin: Origin, ned: Vector) -> tuple[float, float, float]:
+def to_global(origin: Origin | GlobalPosition, ned: Vector) -> tuple[float, float, float]:
     """Latitude and longitude in degrees and altitude AMSL in metres of a local point: the inverse of :func:`to_ned`."""
     north, east = _metres_per_radian(math.radians(origin.lat_deg))
     lon = origin.lon_deg + math.degrees(ned[1] / east)
@@ -72,8 +72,7 @@ def in_fleet_frame(known: GlobalPosition | Origin, local: Vector, fields: Mappin
     """Where a GLOBAL_POSITION_INT (``fields``: lat and lon in 1e-7 degrees, alt in mm AMSL) is in the fleet's frame,
     by a near place that is known as WGS84 and there: a vehicle's state has both.
     """
-    here = Origin(lat_deg=known.lat_deg, lon_deg=known.lon_deg, alt_amsl=known.alt_amsl)
-    north, east, down = to_ned(here, fields["lat"] / 1e7, fields["lon"] / 1e7, fields["alt"] / 1e3)
+    north, east, down = to_ned(known, fields["lat"] / 1e7, fields["lon"] / 1e7, fields["alt"] / 1e3)
     return local[0] + north, local[1] + east, local[2] + down
 
 

@@ -8,14 +8,16 @@ import threading
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Generic, TypeVar
 
+import msgspec
 import zenoh
 
-from zmav import keys
+from zmav import keys, wire
 from zmav.direct import direct
 from zmav.errors import BadInput, Forbidden
 from zmav.waiting import on_loop
 
 T = TypeVar("T")
+W = TypeVar("W", bound=msgspec.Struct)
 
 
 class Subscription(Generic[T]):
@@ -103,3 +105,13 @@ class Subscription(Generic[T]):
                 return self._convert(self._samples.popleft())
             except (BadInput, Forbidden):
                 self.bad += 1
+
+
+def document(kind: type[W]) -> Callable[[zenoh.Sample], tuple[str, W]]:
+    """For a subscription to keys, and what came on each as a ``kind``; what is none is counted and left out."""
+
+    def convert(sample: zenoh.Sample) -> tuple[str, W]:
+        key = str(sample.key_expr)
+        return key, wire.decode(sample.payload.to_bytes(), kind, key)
+
+    return convert

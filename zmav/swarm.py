@@ -24,7 +24,7 @@ from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
 from zmav.vehicle import Vehicle
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 from zmav.wire import swarm
 from zmav.wire.orders import DISARMED
 
@@ -178,7 +178,7 @@ class FleetOrder:
         except ZmavError as e:
             self._note(f"no planned return ({e.message}): each returns by itself, and nobody keeps them apart")
         finally:
-            await _cancelled(stops)
+            await cancelled(*stops)
         await self._each([vehicle for vehicle in vehicles if self._runs(vehicle) and not self._taken(vehicle)])
 
     async def _stop(self, vehicle: Vehicle) -> None:
@@ -231,7 +231,7 @@ class FleetOrder:
                 self._watch(vehicles)
                 if state == "flying" and not begun:
                     begun = True
-                    await _cancelled(stops)  # one that comes only now would stop what is flown
+                    await cancelled(*stops)  # one that comes only now would stop what is flown
                     self._note(f"planner {planner} brings {', '.join(names)} home ({goal})")
                     for vehicle in filter(self._runs, vehicles):
                         self._returning(vehicle, f"by a plan of {planner}")
@@ -362,12 +362,6 @@ def _unfit(vehicle: Vehicle) -> str:
     if state.landed and state.kind not in SURFACE:
         return "it stands on the ground"
     return "" if state.local is not None else "it does not say where it is in the fleet's frame"
-
-
-async def _cancelled(tasks: Sequence[asyncio.Task[None]]) -> None:
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _ended(verb: str, vehicle: Vehicle, result: dict[str, Any]) -> str:

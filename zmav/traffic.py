@@ -249,7 +249,7 @@ class Seen(NamedTuple):
         v = self.aircraft.velocity
         return (FASTEST / 4.0 if v is None else TURNED * math.hypot(*v[:2])) * self.age
 
-    def ned(self, origin: wire.Origin) -> tuple[Vector, Vector]:
+    def ned(self, origin: wire.Origin | wire.GlobalPosition) -> tuple[Vector, Vector]:
         """Place and velocity about an origin; at the origin's own height where its height is not known."""
         alt = origin.alt_amsl if self.amsl is None else self.amsl
         return geo.to_ned(origin, self.lat_deg, self.lon_deg, alt), self.aircraft.velocity or (0.0, 0.0, 0.0)
@@ -324,8 +324,7 @@ class Approach(NamedTuple):
 
 def approach(seen: Seen, place: wire.GlobalPosition, velocity: Vector | None) -> Approach:
     """Of an aircraft to a vehicle: metres over the ground, m that it is above, and s."""
-    here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
-    (north, east, down), theirs = seen.ned(here)
+    (north, east, down), theirs = seen.ned(place)
     own = velocity or (0.0, 0.0, 0.0)
     v = theirs[0] - own[0], theirs[1] - own[1]
     square = v[0] * v[0] + v[1] * v[1]  # of what cannot be it is infinite, where ** raises

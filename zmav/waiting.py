@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -39,6 +39,14 @@ async def in_thread(work: Callable[..., T], *args: Any) -> T:
         await asyncio.wait({working})
 
 
+async def cancelled(*tasks: asyncio.Future[Any] | None) -> None:
+    """Cancel those that there are, and return once they have ended, however they did."""
+    there = [task for task in tasks if task is not None]
+    for task in there:
+        task.cancel()
+    await asyncio.gather(*there, return_exceptions=True)
+
+
 async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:
     """Run them side by side. When one fails or we are cancelled, the others are cancelled and have ended before that is
     raised: nothing goes on behind the back of who cleans up.
@@ -47,9 +55,20 @@ async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:
     try:
         await asyncio.gather(*tasks)
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await cancelled(*tasks)
+
+
+async def until_any(*works: Awaitable[Any]) -> None:
+    """Run them side by side until the first has ended, and raise what it raised. The others are cancelled, and have
+    ended by then.
+    """
+    tasks = [asyncio.ensure_future(each) for each in works]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        await cancelled(*tasks)
 
 
 def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Callable[..., None]:

@@ -15,9 +15,8 @@ from agents.camera.settings import Calibration, CameraSettings, cropped
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput
-from zmav.session import SessionSettings
 from zmav.vision.chunks import MOST_JPEG, count_of, split
-from zmav.vision.opencv import decode, encode, opencv
+from zmav.vision.opencv import encode, opencv
 from zmav.vision.parity import needed
 from zmav.waiting import on_loop
 from zmav.wire import CameraInfo
@@ -30,11 +29,10 @@ LARGER = 1.5
 
 
 class CameraAgent(Sender):
-    """``async with CameraAgent(z, settings, source, lens, bulk)``: lives on the event loop until it is left.
+    """``async with CameraAgent(z, settings, source, lens)``: lives on the event loop until it is left.
 
-    ``lens``: the calibration, or the horizontal field of view in rad of one that does not distort. ``bulk``: how the
-    session for the pictures is opened, so that they do not queue before anything else. ``say`` takes a line for people,
-    from any thread. Raises what :meth:`CameraSettings.check` and the source's ``check`` do.
+    ``lens``: the calibration, or the horizontal field of view in rad of one that does not distort. ``say`` takes a line
+    for people, from any thread. Raises what :meth:`CameraSettings.check` and the source's ``check`` do.
     """
 
     channel, about, reports, agent = keys.FRAME, keys.CAMERA, keys.FRAME_REPORT, "camera"
@@ -45,12 +43,11 @@ class CameraAgent(Sender):
         settings: CameraSettings,
         source: Source,
         lens: Calibration | float,
-        bulk: SessionSettings,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         opencv()
         source.check()
-        super().__init__(z, settings, bulk, say)
+        super().__init__(z, settings, say)
         self.quality = QualitySteps(settings)
         self.size = (0, 0)
         """width and height of the pictures sent now; 0: none was"""
@@ -126,9 +123,7 @@ class CameraAgent(Sender):
     def _made(self, shot: Shot, step: QualityStep) -> tuple[bytes, tuple[int, int]]:
         """The JPEG and its size; in a thread. Raises :class:`BadInput` for what cannot be sent."""
         cv2 = opencv()
-        image = decode(shot.jpeg) if shot.image is None and shot.jpeg is not None else shot.image
-        assert image is not None
-        image, zoomed = cropped(image, self.zoom), self.zoom > 1.0
+        image, zoomed = cropped(shot.decoded(), self.zoom), self.zoom > 1.0
         height, width = image.shape[:2]
         scale = min(1.0, self.settings.size[0] / width, self.settings.size[1] / height)
         self._full_size = full = (max(round(width * scale), 1), max(round(height * scale), 1))

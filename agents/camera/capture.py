@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
-from zmav.vision.opencv import Image
+from zmav.vision.opencv import Image, decode
 
 FIRST_WAIT, LONGEST_WAIT = 0.5, 8.0
 """s before a source that vanished is opened again; doubled each time until a picture comes"""
@@ -24,6 +24,10 @@ class Shot(NamedTuple):
     image: Image | None
     """(height, width, 3) BGR"""
     jpeg: bytes | None
+
+    def decoded(self) -> Image:
+        """(height, width, 3) BGR; raises :class:`~zmav.errors.BadInput` for a JPEG that is none."""
+        return self.image if self.image is not None else decode(self.jpeg or b"")
 
 
 class Lost(Exception):

@@ -20,12 +20,12 @@ from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
 from agents.camera.photos import PREFIX, Photos
 from agents.camera.settings import MOST_ZOOM, Calibration, CameraSettings
 from agents.camera.sources import open_source
-from zmav.cli.common import Between, Work, connected, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli import places
+from zmav.cli.common import Between, Work, connected, dump, json_option
 from zmav.cli.vehicles import matching
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
 from zmav.process import say
-from zmav.session import SessionSettings
 from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
 
@@ -34,31 +34,34 @@ name_option = click.option(
 )
 
 
-def pair(ctx: click.Context, option: click.Parameter, text: str) -> tuple[int, int]:
-    """An option's callback that reads two whole numbers: ``640x480``."""
+def pair(text: str) -> tuple[int, int]:
+    """Two whole numbers of an option: ``640x480``."""
     found = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text.strip())
     if found is None:
-        raise click.BadParameter(f"{text!r} is not like 640x480", ctx, option)
+        raise click.BadParameter(f"{text!r} is not like 640x480")
     return int(found[1]), int(found[2])
 
 
-def triple(ctx: click.Context, option: click.Parameter, text: str | None) -> tuple[float, float, float] | None:
-    """An option's callback that reads three numbers: ``0,90,0``."""
-    if text is None:
-        return None
-    try:
-        a, b, c = (float(each) for each in text.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not three numbers like 0,90,0", ctx, option) from None
+def triple(text: str) -> tuple[float, float, float]:
+    """Three numbers of an option: ``0,90,0``."""
+    a, b, c = places.numbers(text, 3, "three numbers like 0,90,0")
     return a, b, c
 
 
-def rate_bytes(ctx: click.Context, option: click.Parameter, text: str) -> float:
-    """An option's callback that reads a rate, in B/s: ``60kB/s`` or ``480 kbit/s``."""
+def rate_bytes(text: str) -> float:
+    """A rate of an option, in B/s: ``60kB/s`` or ``480 kbit/s``."""
     try:
-        return bits_per_second(text, option.name or "rate") / 8.0
+        return bits_per_second(text, "rate") / 8.0
     except BadInput as e:
-        raise click.BadParameter(str(e), ctx, option) from e
+        raise click.BadParameter(str(e)) from e
+
+
+link_option = click.option(
+    "--link",
+    type=rate_bytes,
+    metavar="RATE",
+    help="What our link has for this, as 60kB/s.  [default: the camera finds out]",
+)
 
 
 @click.group("camera")
@@ -77,19 +80,20 @@ USUAL_FOV = math.radians(63.0)
 @click.option("--vehicle", required=True, help="The vehicle that the camera is on.")
 @name_option
 @click.option("--rate", type=Between(0.2, 60.0), default=10.0, show_default=True, help="Pictures a second.")
-@click.option("--size", callback=pair, default="640x480", show_default=True, help="Pixels at most.")
+@click.option("--size", type=pair, metavar="WxH", default="640x480", show_default=True, help="Pixels at most.")
 @click.option("--quality", type=click.IntRange(10, 95), default=70, show_default=True, help="Of JPEG.")
 @click.option(
     "--budget",
-    callback=rate_bytes,
+    type=rate_bytes,
+    metavar="RATE",
     default="60kB/s",
     show_default=True,
     help="To begin with, and for readers that do not report.",
 )
 @click.option("--calibration", type=click.Path(path_type=Path), help="A file of the lens's constants: docs/camera.md.")
 @click.option("--fov", type=Between(3.0, 170.0), metavar="DEG", help="Horizontal field of view instead.")
-@click.option("--mount", callback=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")
-@click.option("--offset", callback=triple, metavar="F,R,D", help="Metres forward, right, down of the vehicle.")
+@click.option("--mount", type=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")
+@click.option("--offset", type=triple, metavar="F,R,D", help="Metres forward, right, down of the vehicle.")
 @click.option("--gimbal", is_flag=True, help="It is levelled: only the vehicle's heading counts.")
 @click.option(
     "--delay",
@@ -102,7 +106,7 @@ USUAL_FOV = math.radians(63.0)
 @click.option("--loop", is_flag=True, help="A folder begins again at its end.")
 @click.option(
     "--capture",
-    callback=lambda c, o, v: None if v is None else pair(c, o, v),
+    type=pair,
     metavar="WxH",
     help="Asked of a device, and the size of photos.  [default: as --size]",
 )
@@ -113,8 +117,7 @@ USUAL_FOV = math.radians(63.0)
     show_default=True,
     help="Where photos are kept.",
 )
-@fleet_option
-@zenoh_options
+@connected
 def run_camera(
     source: str,
     rate: float,
@@ -128,10 +131,8 @@ def run_camera(
     offset: tuple[float, float, float] | None,
     gimbal: bool,
     size: tuple[int, int],
-    fleet: str,
-    settings: SessionSettings,
     **rest: Any,
-) -> None:
+) -> Work:
     """Send a camera's pictures: 'zmav camera run 0 --vehicle quad1'.
 
     SOURCE is a V4L2 device (0, /dev/video0), a URL (rtsp://..., or http://... of multipart JPEG, as the simulator
@@ -152,7 +153,7 @@ def run_camera(
         offset=found.offset if found and offset is None else offset or (0.0, 0.0, 0.0),
         **rest,
     ).check()
-    run(_run(given, opened, lens, photos, fleet, settings))
+    return lambda z: _run(z, given, opened, lens, photos)
 
 
 def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | None) -> Calibration | float:
@@ -166,21 +167,10 @@ def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | No
     return USUAL_FOV
 
 
-async def _run(
-    own: CameraSettings,
-    source: Source,
-    lens: Calibration | float,
-    folder: Path,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
-    async with (
-        zmav.open(fleet=fleet, settings=settings) as z,
-        CameraAgent(z, own, source, lens, settings, say) as agent,
-        Photos(z, agent, folder) as photos,
-    ):
+async def _run(z: zmav.Client, own: CameraSettings, source: Source, lens: Calibration | float, folder: Path) -> None:
+    async with CameraAgent(z, own, source, lens, say) as agent, Photos(z, agent, folder) as photos:
         telling = asyncio.ensure_future(photos.run())
-        say(f"{fleet}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
+        say(f"{z.fleet_name}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
         try:
             await agent.serve()
         finally:
@@ -315,34 +305,17 @@ class PictureRecorder:
     help="Write all pictures as they come, and a .csv of when each was taken.",
 )
 @click.option("--wait", type=Between(0.1), default=10.0, show_default=True, help="Seconds for a first picture.")
-@click.option(
-    "--link",
-    callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),
-    metavar="RATE",
-    help="What our link has for pictures, as 60kB/s.  [default: the camera finds out]",
-)
-@fleet_option
-@zenoh_options
-def view_camera(
-    vehicle: str,
-    camera: str,
-    record: Path | None,
-    wait: float,
-    link: float | None,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+@link_option
+@connected
+def view_camera(vehicle: str, camera: str, record: Path | None, wait: float, link: float | None) -> Work:
     """Show what comes of a camera each second: rate, delay, size, loss. 'zmav view' shows the pictures themselves.
 
     The delay is from shutter to here, by both computers' clocks. What --record has written stays whole whatever ends
     it; nothing is written while less than 1 GB is free.
     """
 
-    async def view() -> None:
-        async with (
-            zmav.open(fleet=fleet, settings=settings) as z,
-            Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures,
-        ):
+    async def view(z: zmav.Client) -> None:
+        async with Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures:
             try:
                 first = await within(wait, pictures.get())
             except asyncio.TimeoutError:
@@ -353,7 +326,7 @@ def view_camera(
                 since = [first]
                 await together(_take(pictures, since, recorder), _tell(pictures, since, recorder))
 
-    run(view())
+    return view
 
 
 async def _take(pictures: Reader, since: list[Picture], recorder: PictureRecorder | None) -> None:

@@ -31,7 +31,7 @@ from zmav.errors import BadConfig, BadInput, Refused, ZmavError, missing_extra
 from zmav.services.orders.orders import Report
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
-from zmav.vision.opencv import decode, encode
+from zmav.vision.opencv import encode
 from zmav.waiting import in_thread
 
 PREFIX = "photos-"
@@ -229,14 +229,13 @@ class Photos(Agent):
 def _carried(place: wire.GlobalPosition, velocity: wire.Vector, seconds: float) -> wire.GlobalPosition:
     """Where it was so many seconds later than there."""
     north, east, down = (part * seconds for part in velocity)
-    origin = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
-    lat, lon, amsl = geo.to_global(origin, (north, east, down))
+    lat, lon, amsl = geo.to_global(place, (north, east, down))
     return wire.GlobalPosition(lat_deg=lat, lon_deg=lon, alt_amsl=amsl, alt_rel=place.alt_rel - down)
 
 
 def _jpeg_of(shot: Shot) -> tuple[bytes, tuple[int, int]]:
     """The whole picture, and its width and height."""
-    image = shot.image if shot.image is not None else decode(shot.jpeg or b"")
+    image = shot.decoded()
     return shot.jpeg or encode(image, QUALITY), (int(image.shape[1]), int(image.shape[0]))
 
 

@@ -22,9 +22,8 @@ from zmav.errors import BadInput
 from zmav.process import until_stopped
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
-from zmav.session import SessionSettings, open_in_thread
 from zmav.trust.gate import anybody
-from zmav.waiting import in_thread, on_loop, within
+from zmav.waiting import cancelled, in_thread, on_loop, until_any, within
 
 S = TypeVar("S", bound="Sender")
 SHORTEST_SLEEP = 0.002
@@ -34,8 +33,8 @@ SHORTEST_SLEEP = 0.002
 class Sender(ABC):
     """``async with``: sends on ``channel`` while somebody listens, answers on ``about``, and hears ``reports``.
 
-    ``bulk``: how the session for what is sent is opened, so that it does not queue before anything else. ``say``
-    takes a line for people, from any thread.
+    What is sent goes by a session of its own, so that it does not queue before anything else. ``say`` takes a line for
+    people, from any thread.
     """
 
     channel: ClassVar[keys.Channel]
@@ -46,9 +45,7 @@ class Sender(ABC):
     agent: ClassVar[str]
     """what stands before the camera's name in the name of its status"""
 
-    def __init__(
-        self, z: Client, settings: CameraSettings, bulk: SessionSettings, say: Callable[[str], None] = lambda line: None
-    ) -> None:
+    def __init__(self, z: Client, settings: CameraSettings, say: Callable[[str], None] = lambda line: None) -> None:
         self.settings = settings.check()
         self.budget = Budget(settings, self.reported)
         self.bad = 0
@@ -59,7 +56,7 @@ class Sender(ABC):
         """pictures"""
         self.ended = asyncio.Event()
         """the source has come to its end, and its last picture is sent"""
-        self._z, self._bulk, self._say = z, bulk, say
+        self._z, self._say = z, say
         self.sender = random.SystemRandom().getrandbits(32)
         self._wanted, self._news = asyncio.Event(), asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
@@ -74,7 +71,7 @@ class Sender(ABC):
     async def __aenter__(self: S) -> S:
         loop, own, fleet = asyncio.get_running_loop(), self.settings, self._z.fleet_name
         key = {"fleet": keys.check_name(fleet, "fleet"), "vehicle": own.vehicle, "camera": own.camera}
-        self._session = await open_in_thread(self._bulk)
+        self._session = await self._z.another_session()
         publisher = self._session.declare_publisher(self.channel.key(**key), **self.channel.publishing())
         on_match: Any = on_loop(loop, self._on_match)
         about, reports = self.about.key(**key), self.reports.key(**key, reader="*")
@@ -91,10 +88,8 @@ class Sender(ABC):
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        for task in self._tasks:
-            task.cancel()
         try:
-            await asyncio.gather(*self._tasks, return_exceptions=True)
+            await cancelled(*self._tasks)
         finally:  # also where we are told to hurry: with its session open the process would never end
             await self._close()
 
@@ -140,13 +135,7 @@ class Sender(ABC):
 
     async def serve(self) -> None:
         """Return at the source's end, or when we are told to stop; raises what ended the sending otherwise."""
-        stopped = asyncio.ensure_future(until_stopped())
-        try:
-            await asyncio.wait({stopped, self._tasks[0]}, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            stopped.cancel()
-        if self._tasks[0].done():
-            self._tasks[0].result()
+        await until_any(until_stopped(), self._tasks[0])
 
     # What others say.
 

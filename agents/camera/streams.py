@@ -22,7 +22,7 @@ from agents.camera.capture import Lost, Shot, Source, pause, without_password
 from agents.camera.mjpeg import MjpegSource
 from agents.camera.sources import CONTAINERS, DEVICE, check_device
 from zmav.errors import BadConfig, BadMessage
-from zmav.vision.opencv import Image, decode
+from zmav.vision.opencv import Image
 from zmav.vision.video import DELIMITER, FILLER, KEY_SLICE, PPS, SPS, START, nal_units, pyav
 
 SCHEMES = ("rtsp", "rtsps", "rtmp", "udp", "tcp", "http", "https")
@@ -273,8 +273,7 @@ class Encoding:
             if not self.wanted:
                 codec = None  # whoever comes next begins with a key frame
                 continue
-            image = decode(shot.jpeg) if shot.image is None and shot.jpeg is not None else shot.image
-            assert image is not None
+            image = shot.decoded()
             height, width = (each - each % 2 for each in image.shape[:2])  # as 4:2:0 has it
             image = np.ascontiguousarray(image[:height, :width])
             if self._stamped:

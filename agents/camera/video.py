@@ -22,7 +22,6 @@ from agents.camera.streams import BITS, Encoded, Encoding, Stream
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadConfig, BadInput
-from zmav.session import SessionSettings
 from zmav.vision.chunks import VIDEO, count_of, split
 from zmav.vision.erasure import needed
 from zmav.vision.video import packed
@@ -71,7 +70,7 @@ class Rate:
 
 
 class VideoAgent(Sender):
-    """``async with VideoAgent(z, settings, streams, bulk)``; ``streams``: of one view, the richest first. Raises what
+    """``async with VideoAgent(z, settings, streams)``; ``streams``: of one view, the richest first. Raises what
     their ``check`` does, and :class:`BadConfig` where there is none.
     """
 
@@ -83,14 +82,13 @@ class VideoAgent(Sender):
         z: Client,
         settings: CameraSettings,
         streams: Sequence[Stream],
-        bulk: SessionSettings,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         if not streams:
             raise BadConfig("a camera without a stream", field="streams", value=[], expected="one or more")
         for stream in streams:
             stream.check()
-        super().__init__(z, settings, bulk, say)
+        super().__init__(z, settings, say)
         self.rungs = Rungs(len(streams), time.monotonic())
         self.dropped = 0
         """units that were not sent while somebody watched"""

@@ -14,17 +14,16 @@ import click
 import msgspec
 
 import zmav
-from agents.camera.cli import name_option, pair, rate_bytes
+from agents.camera.cli import link_option, name_option, pair, rate_bytes
 from agents.camera.settings import CameraSettings
 from agents.camera.streams import Stream, open_stream
 from agents.camera.video import VideoAgent
 from zmav import keys, wire
-from zmav.cli.common import Between, dump, fleet_option, json_option, run, show_table, zenoh_options
+from zmav.cli.common import Between, Work, connected, dump, json_option, show_table
 from zmav.client import Answer
 from zmav.config import load_fleet
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.process import say
-from zmav.session import SessionSettings
 from zmav.vision.mux import Muxer, sdp
 from zmav.vision.video import Unit, Units, VideoReader, video_info
 from zmav.waiting import in_thread, together, within
@@ -50,10 +49,13 @@ def video() -> None:
     help="A fleet file, whose [vehicles.NAME.cameras] has the sources.",
 )
 @click.option("--rate", type=Between(1.0, 60.0), default=30.0, show_default=True, help="Hz, asked of a device.")
-@click.option("--size", callback=pair, default="1280x720", show_default=True, help="Pixels, asked of a device.")
+@click.option(
+    "--size", type=pair, metavar="WxH", default="1280x720", show_default=True, help="Pixels, asked of a device."
+)
 @click.option(
     "--budget",
-    callback=rate_bytes,
+    type=rate_bytes,
+    metavar="RATE",
     default="100kB/s",
     show_default=True,
     help="To begin with, and for readers that do not report.",
@@ -62,8 +64,7 @@ def video() -> None:
     "--delay", type=Between(0.0, 5.0), default=0.0, show_default=True, metavar="S", help="From shutter to us."
 )
 @click.option("--loop", is_flag=True, help="A file begins again at its end.")
-@fleet_option
-@zenoh_options
+@connected
 def run_video(
     sources: tuple[str, ...],
     path: Path | None,
@@ -74,9 +75,7 @@ def run_video(
     budget: float,
     delay: float,
     loop: bool,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Send a camera's video: 'zmav video run rtsp://192.168.144.25:8554/main --vehicle quad1'.
 
     A SOURCE is a V4L2 device that encodes (/dev/video0), a URL (rtsp://, udp:// of MPEG-TS...), a file of H.264, the
@@ -86,7 +85,7 @@ def run_video(
     given = _sources(sources, path, vehicle, camera)
     streams = [open_stream(each, rate=rate, loop=loop, delay=delay, size=size) for each in given]
     own = CameraSettings(vehicle=vehicle, camera=camera, rate=rate, budget=budget).check()
-    run(_run(own, streams, fleet, settings))
+    return lambda z: _run(z, own, streams)
 
 
 def _sources(sources: tuple[str, ...], path: Path | None, vehicle: str, camera: str) -> list[str]:
@@ -102,12 +101,10 @@ def _sources(sources: tuple[str, ...], path: Path | None, vehicle: str, camera: 
     return cameras[camera].streams
 
 
-async def _run(own: CameraSettings, streams: list[Stream], fleet: str, settings: SessionSettings) -> None:
-    async with (
-        zmav.open(fleet=fleet, settings=settings) as z,
-        VideoAgent(z, own, streams, settings, say) as agent,
-    ):
-        say(f"{fleet}/{own.vehicle}/{own.camera}: {agent.stream.words}, {own.budget / 1e3:.0f} kB/s to begin with")
+async def _run(z: zmav.Client, own: CameraSettings, streams: list[Stream]) -> None:
+    async with VideoAgent(z, own, streams, say) as agent:
+        what = f"{agent.stream.words}, {own.budget / 1e3:.0f} kB/s to begin with"
+        say(f"{z.fleet_name}/{own.vehicle}/{own.camera}: {what}")
         await agent.serve()
     say(f"{agent.sent} units sent, {agent.dropped} dropped")
 
@@ -115,15 +112,13 @@ async def _run(own: CameraSettings, streams: list[Stream], fleet: str, settings:
 @video.command("ls")
 @click.option("--wait", type=Between(0.1, 30.0), default=1.0, show_default=True, help="Seconds for answers.")
 @json_option
-@fleet_option
-@zenoh_options
-def list_video(wait: float, as_json: bool, fleet: str, settings: SessionSettings) -> None:
+@connected
+def list_video(wait: float, as_json: bool) -> Work:
     """Which cameras of the fleet have video, and how it is."""
 
-    async def ask() -> None:
-        async with zmav.open(fleet=fleet, settings=settings) as z:
-            key = keys.VIDEO_INFO.key(fleet, "*", camera="*")
-            answers = await z.ask(key, timeout=wait, channel=keys.VIDEO_INFO)
+    async def ask(z: zmav.Client) -> None:
+        key = keys.VIDEO_INFO.key(z.fleet_name, "*", camera="*")
+        answers = await z.ask(key, timeout=wait, channel=keys.VIDEO_INFO)
         found: list[tuple[str, wire.VideoInfo]] = []
         for each in answers:
             with contextlib.suppress(BadInput):
@@ -131,7 +126,7 @@ def list_video(wait: float, as_json: bool, fleet: str, settings: SessionSettings
                     found.append((each.key.split("/")[2], wire.decode(each.payload, wire.VideoInfo, each.key)))
         _show(sorted(found, key=lambda one: (one[0], one[1].camera)), as_json)
 
-    run(ask())
+    return ask
 
 
 def _show(found: list[tuple[str, wire.VideoInfo]], as_json: bool) -> None:
@@ -164,15 +159,9 @@ def _show(found: list[tuple[str, wire.VideoInfo]], as_json: bool) -> None:
 )
 @click.option("--sdp", "description", type=click.Path(path_type=Path), help="With rtp://: write what a player reads.")
 @click.option("--wait", type=Between(0.1), default=10.0, show_default=True, help="Seconds for a first unit.")
-@click.option(
-    "--link",
-    callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),
-    metavar="RATE",
-    help="What our link has for video, as 60kB/s.  [default: the camera finds out]",
-)
+@link_option
 @json_option
-@fleet_option
-@zenoh_options
+@connected
 def show_video(
     vehicle: str,
     camera: str,
@@ -181,9 +170,7 @@ def show_video(
     wait: float,
     link: float | None,
     as_json: bool,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Show each second what comes of a camera's video; with --to pass it on to another program.
 
     'zmav video show quad1 --to udp://127.0.0.1:5600', then 'ffplay udp://127.0.0.1:5600', or QGroundControl with
@@ -200,11 +187,8 @@ def show_video(
             text = f"cannot write {description}: {e.strerror}"
             raise BadConfig(text, field="sdp", value=str(description), expected="a place to write to") from e
 
-    async def show() -> None:
-        async with (
-            zmav.open(fleet=fleet, settings=settings) as z,
-            VideoReader(z, vehicle, camera, name="show", most_bytes=link) as reader,
-        ):
+    async def show(z: zmav.Client) -> None:
+        async with VideoReader(z, vehicle, camera, name="show", most_bytes=link) as reader:
             with reader.units() as units:
                 try:
                     first = await within(wait, units.get())
@@ -215,7 +199,7 @@ def show_video(
                 since = [first]
                 await together(_pass_on(units, since, to), _tell(reader, units, since, as_json))
 
-    run(show())
+    return show
 
 
 async def _pass_on(units: Units, since: list[Unit], to: str | None) -> None:

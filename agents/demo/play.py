@@ -11,7 +11,6 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import zenoh
 from rich.console import Console
 
 import zmav
@@ -21,6 +20,8 @@ from agents.demo.watch import Truth, Watch
 from zmav import keys, wire
 from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut, ZmavError
+from zmav.subscription import document
+from zmav.waiting import cancelled
 
 LOOK = 0.1
 """s between two looks at whether a step is over"""
@@ -59,8 +60,7 @@ class Play:
                         await self._step(z, step)
                         self._gone()
             finally:
-                watching.cancel()
-                await asyncio.gather(watching, return_exceptions=True)
+                await cancelled(watching)
             self.processes.end(RECORDER, 20.0)
 
     def _record(self) -> None:
@@ -97,8 +97,7 @@ class Play:
                 await asyncio.wait({task}, timeout=LOOK)
             await task
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await cancelled(task)
 
     # ---- the steps
 
@@ -197,25 +196,20 @@ class Play:
         names = matching(self.demo, wait.vehicles)
         heard: dict[str, str] = {}
 
-        def convert(sample: zenoh.Sample) -> tuple[str, str]:
-            status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
-            return str(sample.key_expr).split("/")[2], status.state
-
         async def hear() -> None:
-            async for name, state in statuses:
-                heard[name] = state
+            async for key, status in statuses:
+                heard[key.split("/")[2]] = status.state
 
         def missing() -> list[str]:
             return [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]
 
         key = keys.AGENT_STATUS.key(z.fleet_name, "*", agent=wait.agent or "none")
-        async with z.subscribe(key, convert) as statuses:
+        async with z.subscribe(key, document(wire.AgentStatus)) as statuses:
             reading = asyncio.create_task(hear())
             try:
                 await self._until(lambda: not missing(), within, lambda: _late(wait, missing(), within))
             finally:
-                reading.cancel()
-                await asyncio.gather(reading, return_exceptions=True)
+                await cancelled(reading)
         self._mark(_words_of(wait, names))
 
     # ---- what is said

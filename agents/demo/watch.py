@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-import zenoh
 
 import zmav
 from zmav import keys, wire
 from zmav.errors import ZmavError
 from zmav.sim import Remote
+from zmav.subscription import document
 
 EVERY = 0.2
 """s between two looks"""
@@ -114,14 +114,10 @@ class Watch:
         await asyncio.gather(self._links(), *(self._ping(name, track) for name, track in self.tracks.items()))
 
     async def _links(self) -> None:
-        def convert(sample: zenoh.Sample) -> tuple[str, wire.LinkQuality]:
-            key = str(sample.key_expr)
-            return key.split("/")[2], wire.decode(sample.payload.to_bytes(), wire.LinkQuality, key)
-
         key = keys.LINK.key(self._z.fleet_name, "*", link="autopilot")
-        async with self._z.subscribe(key, convert) as qualities:
-            async for name, quality in qualities:
-                if track := self.tracks.get(name):
+        async with self._z.subscribe(key, document(wire.LinkQuality)) as qualities:
+            async for key, quality in qualities:
+                if track := self.tracks.get(key.split("/")[2]):
                     track.mavlink_lost, track.mavlink_frames = quality.lost, quality.rx_frames
 
     async def _ping(self, name: str, track: LinkFigures) -> None:

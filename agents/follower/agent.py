@@ -19,9 +19,10 @@ from zmav import keys, wire
 from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale
 from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
+from zmav.subscription import document
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
-from zmav.waiting import together
+from zmav.waiting import cancelled, together
 
 TICK = 0.05
 """s between two setpoints"""
@@ -176,8 +177,7 @@ class Follower(FlyingAgent):
                 try:
                     await self._follow(guide, lease, lost, hearing)
                 finally:
-                    hearing.cancel()
-                    await asyncio.gather(hearing, return_exceptions=True)
+                    await cancelled(hearing)
         finally:
             if self.guide is guide:
                 self.guide, self.target = None, ""
@@ -204,18 +204,13 @@ class Follower(FlyingAgent):
             doing.result()
             return True
         finally:
-            doing.cancel()
-            await asyncio.gather(doing, return_exceptions=True)
+            await cancelled(doing)
 
     async def _see(self, guide: Guide) -> None:
         """Whatever is found in the vehicle's own pictures, wherever they are looked at."""
         key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=self.settings.camera)
-
-        def convert(sample: Any) -> wire.Detections:
-            return wire.decode(sample.payload.to_bytes(), wire.Detections, "detections")
-
-        async with self.z.subscribe(key, convert, depth=20) as sights:
-            async for sight in sights:
+        async with self.z.subscribe(key, document(wire.Detections), depth=20) as sights:
+            async for _, sight in sights:
                 guide.tracker.accel = self["accel"]
                 me = self._here.at(time.time())
                 if me is not None and guide.see(time.time(), sight.t, sight.found, me, self._told(), self["score"]):

@@ -266,10 +266,8 @@ class Helipad(zmav.Agent):
         state = self.vehicle.last_state
         if state is None or state.position is None or state.local is None or told.pos is None:
             return told
-        place = state.position
-        here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
         off = (told.pos[0] - state.local[0], told.pos[1] - state.local[1], told.pos[2] - state.local[2])
-        lat, lon, _ = geo.to_global(here, off)
+        lat, lon, _ = geo.to_global(state.position, off)
         return msgspec.structs.replace(told, lat_deg=lat, lon_deg=lon)
 
     def _plane(self) -> float | None:

@@ -13,6 +13,7 @@ from zmav.autopilots import Command
 from zmav.doctor.ways import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
 from zmav.vehicle.params import values
+from zmav.waiting import cancelled
 
 FOUND_S = 60.0
 SILENT_S = 3.0
@@ -62,9 +63,7 @@ class CheckFlight(Flight):
         except ZmavError as e:
             self.say("flight", f"ended: {e.message}", "BAD")
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await cancelled(*tasks)
             await asyncio.shield(self._make_safe())
 
     async def _fly(self) -> None:

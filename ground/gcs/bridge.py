@@ -30,9 +30,9 @@ from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn, UdpOut
 from ground.gcs.uplink import Uplink
 from zmav import keys, wire
-from zmav.errors import BadInput
 from zmav.mavlink import Dialect, Frame, decode
 from zmav.ratelimit import RateLimit
+from zmav.subscription import document
 from zmav.waiting import in_thread, on_loop
 
 TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
@@ -166,14 +166,10 @@ class Bridge:
 
     async def _tell_events(self) -> None:
         """Pass on what vehicles' agents say that a person at a station must see."""
-        async with self.z.subscribe(keys.EVENT.key(self.z.fleet_name, "*")) as samples:
-            async for sample in samples:
-                _, fleet, name, *_ = str(sample.key_expr).split("/")
+        async with self.z.subscribe(keys.EVENT.key(self.z.fleet_name, "*"), document(wire.Event)) as events:
+            async for key, event in events:
+                _, fleet, name, *_ = key.split("/")
                 known = self.routes.vehicles.get((fleet, name))
-                try:
-                    event = wire.decode(sample.payload.to_bytes(), wire.Event, f"event of {name}")
-                except BadInput:
-                    continue
                 if known is None or event.kind not in TOLD or self._said.take((known.place, event.text)) is None:
                     continue
                 for client in self.clients:

@@ -45,21 +45,9 @@ MUST_ARRIVE = frozenset(
 )
 """answers, words and events: said once. So is every message that is addressed to somebody"""
 INSTANCES = {
-    "BATTERY_STATUS": "id",
-    "DISTANCE_SENSOR": "id",
-    "SERVO_OUTPUT_RAW": "port",
-    "RAW_IMU": "id",
-    "AIRSPEED": "id",
-    "MCU_STATUS": "id",
     "ESC_INFO": "index",
     "ESC_STATUS": "index",
-    "NAMED_VALUE_FLOAT": "name",
-    "NAMED_VALUE_INT": "name",
-    "DEBUG_VECT": "name",
     "DEBUG": "ind",
-    "DEBUG_FLOAT_ARRAY": "array_id",
-    "MAG_CAL_PROGRESS": "compass_id",
-    "MAG_CAL_REPORT": "compass_id",
     "ADSB_VEHICLE": "ICAO_address",
     "AIS_VESSEL": "MMSI",
     "OBSTACLE_DISTANCE": "sensor_type",
@@ -68,7 +56,8 @@ INSTANCES = {
     "GIMBAL_DEVICE_ATTITUDE_STATUS": "gimbal_device_id",
     "OPTICAL_FLOW": "sensor_id",
 }
-"""messages of which a component sends several, each about another thing, and the field that tells them apart"""
+"""messages of which a component sends several, each about another thing, and the field that tells them apart, where the
+definition itself does not say so"""
 MOST_KINDS = 8192
 """invented names must not fill the memory"""
 
@@ -96,7 +85,7 @@ class Kind:
         self.ids = bytes((origin.sysid, origin.compid))
         message = dialect.by_name.get(origin.message)
         self.target_at = message.target_system if message is not None else None
-        self.instance = _place_of(message, INSTANCES.get(origin.message, ""))
+        self.instance = _instance_of(message) if message is not None else None
         self.beat = origin.message == HEARTBEAT
         self.must = self.target_at is not None or origin.message in MUST_ARRIVE
         self.watched = origin.message in watched
@@ -123,12 +112,12 @@ class Kind:
         return data[(HEADER_V2 if data[0] == MAGIC_V2 else HEADER_V1) + self.target_at]
 
 
-def _place_of(message: MessageType | None, name: str) -> slice | None:
-    """The bytes of the payload in which a field lies; None: there is no such field."""
-    before = "<"
-    for field in message.wire_fields if message is not None else ():
+def _instance_of(message: MessageType) -> slice | None:
+    """The bytes of the payload that tell which of several it is about; None: there is but one."""
+    before, told = "<", INSTANCES.get(message.name)
+    for field in message.wire_fields:
         start, before = struct.calcsize(before), before + field.code
-        if field.name == name:
+        if field.instance or field.name == told:
             return slice(start, struct.calcsize(before))
     return None
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
+import functools
 import secrets
 from collections import Counter
-from collections.abc import Coroutine, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 from starlette.requests import Request
 from starlette.responses import Response
@@ -24,9 +23,12 @@ from ground.http import video
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from ground.http.server import send_the_newest
+from ground.http.sharing import Pool, Shared
 from zmav import keys
+from zmav.client import Client
 from zmav.errors import VehicleError
 from zmav.vision.reader import Picture, Reader, camera_info
+from zmav.waiting import until_any
 
 MOST = 32
 """readers at once"""
@@ -36,19 +38,18 @@ HEADERS = (
     (b"cache-control", b"no-store"),
     (b"x-content-type-options", b"nosniff"),
 )
-logger = logging.getLogger(__name__)
 
 
-class Shared:
-    """One camera's pictures for all who look at it here. Lives on the event loop."""
+class Pictures(Shared[Reader]):
+    """The newest picture for each who looks."""
 
-    def __init__(self, reader: Reader) -> None:
-        self.looking = 0
+    kind = Reader
+
+    def __init__(self, client: Client, vehicle: str, camera: str) -> None:
         self.newest: tuple[int, Picture] | None = None
         """and how many came before it"""
-        self.ended = False
         self._news = asyncio.Event()
-        self._task = asyncio.create_task(self._read(reader))
+        super().__init__(client, vehicle, camera)
 
     async def after(self, count: int) -> tuple[int, Picture] | None:
         """The newest picture, which as many or more came before; waits for one. None: no more will come."""
@@ -63,34 +64,24 @@ class Shared:
         """Pictures that came."""
         return self.newest[0] + 1 if self.newest is not None else 0
 
-    async def _read(self, reader: Reader) -> None:
-        try:
-            async with reader as pictures:
-                async for picture in pictures:
-                    self.newest = self.count, picture
-                    news, self._news = self._news, asyncio.Event()
-                    news.set()
-        except Exception:
-            logger.exception("error while reading a camera")
-        finally:
-            self._end()
+    async def _take(self) -> None:
+        async for picture in self.reader:
+            self.newest = self.count, picture
+            news, self._news = self._news, asyncio.Event()
+            news.set()
 
     def _end(self) -> None:
         """Who still looks is told: nobody waits for a picture that cannot come."""
-        self.ended = True
+        super()._end()
         self._news.set()
 
-    def close(self) -> None:
-        self._task.cancel()
-        self._end()  # a task that was not begun has no end of its own
 
-
-class Cameras:
+class Cameras(Pool[Pictures]):
     """Every camera that somebody looks at, and who does."""
 
     def __init__(self, gateway: Gateway) -> None:
+        super().__init__(functools.partial(Pictures, gateway.client))
         self._client = gateway.client
-        self.being_read: dict[tuple[str, str], Shared] = {}
         self._readers: Counter[str] = Counter()
         """by address"""
         self.sent = self.left_out = 0
@@ -135,23 +126,6 @@ class Cameras:
         except VehicleError as e:
             raise Failure(404, "not_found", e.message) from e
 
-    @contextlib.contextmanager
-    def shared(self, vehicle: str, camera: str) -> Iterator[Shared]:
-        """The camera, which is read for as long as somebody looks."""
-        place = vehicle, camera
-        if place not in self.being_read or self.being_read[place].ended:
-            self.being_read[place] = Shared(Reader(self._client, vehicle, camera, name="http"))
-        shared = self.being_read[place]
-        shared.looking += 1
-        try:
-            yield shared
-        finally:
-            shared.looking -= 1
-            if not shared.looking:
-                if self.being_read.get(place) is shared:
-                    del self.being_read[place]
-                shared.close()
-
     def _close(self) -> None:
         for shared in self.being_read.values():
             shared.close()
@@ -177,9 +151,9 @@ class _Mjpeg(Response):
                 return
             send_the_newest(scope)
             with self._cameras.shared(*self._place) as shared:
-                await _until(_gone(receive), self._send_all(shared, send))
+                await until_any(_gone(receive), self._send_all(shared, send))
 
-    async def _send_all(self, shared: Shared, send: Send) -> None:
+    async def _send_all(self, shared: Pictures, send: Send) -> None:
         boundary = b"--" + self._mark + b"\r\n"
         await _put(send, boundary)
         count = shared.count  # what came before is of another time
@@ -211,19 +185,6 @@ async def _put(send: Send, data: bytes) -> None:
 async def _gone(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
-
-
-async def _until(end: Coroutine[Any, Any, None], work: Coroutine[Any, Any, None]) -> None:
-    """Work until the end has come; raises what either does."""
-    tasks = [asyncio.ensure_future(each) for each in (end, work)]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:

@@ -12,7 +12,7 @@ import click
 from zmav import keys
 from zmav.cli import places
 from zmav.cli.common import amount, dialect_option, fleet_option, run, zenoh_options
-from zmav.errors import BadConfig, missing_extra
+from zmav.errors import BadConfig, needs
 from zmav.links.sockets import is_loopback
 from zmav.onboard import OnboardSettings
 from zmav.process import say, until_stopped
@@ -104,12 +104,7 @@ def command(
             f"(others see --token in the list of processes), or listen on 127.0.0.1"
         )
         raise BadConfig(text, field="token", value="", expected="a token")
-    try:
-        import uvicorn  # noqa: F401
-        import websockets  # noqa: F401
-        from starlette import applications  # noqa: F401
-    except ImportError as e:
-        raise missing_extra("'zmav http'", e.name, "ground") from e
+    needs("'zmav http'", "ground", "uvicorn", "websockets", "starlette.applications")
     from ground.http.gateway import Gateway
     from ground.http.guard import LOOPBACK, Rules
     from ground.http.server import bound

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from zmav.errors import BadConfig, ZmavError, missing_extra
+from zmav.errors import BadConfig, ZmavError, needs
 
 Corners = tuple[float, float, float, float]
 
@@ -37,10 +37,9 @@ def lay(path: Path, side: int = MOST_SIDE, most: int = MOST_PIXELS) -> Laid:
     """Read and bend it, once, to so many pixels of the longer ``side``; at most so many are read for it. Raises
     :class:`BadConfig` for a file that cannot be shown, with what helps.
     """
-    try:
-        import rasterio
-    except ImportError as e:
-        raise missing_extra("a GeoTIFF", e.name, "geotiff") from e
+    needs("a GeoTIFF", "geotiff", "rasterio")
+    import rasterio
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is wrong with it is said once, by what it leads to

@@ -21,9 +21,10 @@ from ground.http.gateway import Gateway
 from ground.http.reply import Failure, one_line
 from ground.http.streams import FrameStreams, Wish
 from zmav import keys, wire
-from zmav.errors import BadInput, BadMessage, Forbidden, Refused, ZmavError
+from zmav.errors import BadMessage, Forbidden, Refused, ZmavError
 from zmav.mavlink import describe, encode
 from zmav.mavlink.dialect import Field, MessageType
+from zmav.subscription import document
 from zmav.vehicle.rates import MAX_HZ
 from zmav.waiting import within
 
@@ -151,13 +152,11 @@ class MavNode:
         """What vehicles refuse, from the first frame on: one subscription for all that are sent."""
         client = self._gateway.client
         try:
-            async with client.subscribe(keys.EVENT.key(client.fleet_name, "*")) as events:
+            async with client.subscribe(keys.EVENT.key(client.fleet_name, "*"), document(wire.Event)) as events:
                 self._hears.set()
-                async for sample in events:
-                    with contextlib.suppress(BadInput):
-                        event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-                        for came in self._waiting if event.kind == "refused" else ():
-                            came.put_nowait((str(sample.key_expr), event))
+                async for key, event in events:
+                    for came in self._waiting if event.kind == "refused" else ():
+                        came.put_nowait((key, event))
         finally:
             self._hears.set()  # who waits sends all the same
 

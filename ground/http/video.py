@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import logging
 from collections.abc import Callable
-from fractions import Fraction
 from typing import Any
 
 import msgspec
@@ -22,9 +22,10 @@ from starlette.routing import BaseRoute, Route
 
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
+from ground.http.sharing import Pool, Shared
 from zmav import keys
 from zmav.errors import BadInput, VehicleError, missing_extra
-from zmav.vision.video import CLOCK_RATE, Unit, Units, VideoReader, video_info
+from zmav.vision.video import Packets, Unit, Units, VideoReader, video_info
 from zmav.waiting import within
 
 LONGEST_SDP = 64_000
@@ -46,28 +47,10 @@ class Offer(msgspec.Struct, forbid_unknown_fields=True):
     type: str
 
 
-class Shared:
-    """One camera's video for all who watch it here. Lives on the event loop."""
+class Watched(Shared[VideoReader]):
+    """Its units are handed on by the reader itself."""
 
-    def __init__(self, reader: VideoReader) -> None:
-        self.reader, self.watching = reader, 0
-        self._stop = asyncio.Event()
-        self._task = asyncio.create_task(self._read())
-
-    async def _read(self) -> None:
-        try:
-            async with self.reader:
-                await self._stop.wait()
-        except Exception:
-            logger.exception("error while reading a camera's video")
-
-    @property
-    def ended(self) -> bool:
-        """Nothing more will come."""
-        return self._task.done()
-
-    def close(self) -> None:
-        self._stop.set()
+    kind = VideoReader
 
 
 class Viewer:
@@ -139,39 +122,27 @@ class Viewer:
 
 def _track(following: Any) -> Any:
     """A track whose frames are encoded already: aiortc packs them into RTP and decodes nothing."""
-    import av
     from aiortc.mediastreams import MediaStreamError, MediaStreamTrack
 
     class Passed(MediaStreamTrack):
         kind = "video"
-        _pts = -1
-        _zero: float | None = None
 
         async def recv(self) -> Any:
             try:
-                unit: Unit = await following()
+                return packets.of(await following())
             except EOFError:
                 raise MediaStreamError from None
-            if self._zero is None:
-                self._zero = unit.t
-            pts = round((unit.t - self._zero) * CLOCK_RATE)
-            if not self._pts < pts < self._pts + 10 * CLOCK_RATE:  # the camera's clock was set, or it was away
-                pts = self._pts + CLOCK_RATE // 30
-                self._zero = unit.t - pts / CLOCK_RATE
-            self._pts = pts
-            packet: Any = av.Packet(unit.data)
-            packet.pts, packet.time_base, packet.is_keyframe = pts, Fraction(1, CLOCK_RATE), unit.key
-            return packet
 
+    packets = Packets()
     return Passed()
 
 
-class Video:
+class Video(Pool[Watched]):
     """Every camera whose video somebody watches, and who does."""
 
     def __init__(self, gateway: Gateway, counted: Counted) -> None:
+        super().__init__(functools.partial(Watched, gateway.client))
         self._client, self._counted = gateway.client, counted
-        self.being_read: dict[tuple[str, str], Shared] = {}
         self.viewers: dict[asyncio.Task[None], Viewer] = {}
         self._sent = 0
         gateway.at_end(self._close)
@@ -203,8 +174,7 @@ class Video:
                 await video_info(self._client, vehicle, camera)
             except VehicleError as e:
                 raise Failure(404, "not_found", e.message) from e
-            shared = self._shared(vehicle, camera)
-            counted.callback(self._leave, vehicle, camera, shared)
+            shared = counted.enter_context(self.shared(vehicle, camera))
             viewer = Viewer(offer, counted.enter_context(shared.reader.units()), shared.reader)
             answer = await viewer.answer()
             task = asyncio.create_task(self._run(viewer, counted.pop_all()))
@@ -225,20 +195,6 @@ class Video:
         self._sent += self.viewers.pop(task).sent
         if not task.cancelled() and task.exception() is not None:
             logger.error("error while sending video", exc_info=task.exception())
-
-    def _shared(self, vehicle: str, camera: str) -> Shared:
-        place = vehicle, camera
-        if place not in self.being_read or self.being_read[place].ended:
-            self.being_read[place] = Shared(VideoReader(self._client, vehicle, camera, name="http"))
-        self.being_read[place].watching += 1
-        return self.being_read[place]
-
-    def _leave(self, vehicle: str, camera: str, shared: Shared) -> None:
-        shared.watching -= 1
-        if not shared.watching:
-            if self.being_read.get((vehicle, camera)) is shared:
-                del self.being_read[vehicle, camera]
-            shared.close()
 
     def _close(self) -> None:
         for task in tuple(self.viewers):

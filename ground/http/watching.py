@@ -14,6 +14,7 @@ from starlette.routing import BaseRoute, Route
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from ground.top.watch import Watch
+from zmav.waiting import cancelled
 
 LASTING = 30.0
 """s that the fleet is watched after the last request: watching asks every vehicle every two seconds"""
@@ -51,8 +52,7 @@ class Watching:
             while time.monotonic() < self._until and not watch.done():
                 await asyncio.sleep(1.0)
         finally:
-            watch.cancel()
-            await asyncio.gather(watch, return_exceptions=True)
+            await cancelled(watch)
 
     def _end(self) -> None:
         if self._task is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ from ground.record.folder import Folder
 from ground.record.sources import check_mcap, open_all, readable
 from zmav import keys, wire
 from zmav.cli.common import amount, dialect_option, fleet_option, run, show_table, size, zenoh_options
-from zmav.errors import BadConfig, BadInput, missing_extra
+from zmav.errors import BadConfig, BadInput, needs
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
@@ -182,11 +181,7 @@ def check_ros2(mcap: bool) -> None:
     """Raise :class:`BadConfig` where a package is missing, or there is no .mcap to write to."""
     if not mcap:
         raise BadConfig("--ros2 is of the .mcap: leave out --no-mcap", field="ros2", value=True, expected="an .mcap")
-    for package in ("rosbags", "xxhash"):
-        try:
-            importlib.import_module(package)
-        except ImportError as e:
-            raise missing_extra("'zmav record --ros2'", package, "ros2") from e
+    needs("'zmav record --ros2'", "ros2", "rosbags", "xxhash")
 
 
 def _rate(text: str) -> tuple[str, float]:

@@ -25,7 +25,7 @@ from zmav.cli.common import size
 from zmav.client import Client
 from zmav.trust.certificate import Role
 from zmav.vehicle.rates import want_key
-from zmav.waiting import in_thread
+from zmav.waiting import cancelled, in_thread
 
 AGENT = "recorder"
 STATUS_S = 1.0
@@ -95,9 +95,7 @@ class Recorder:
         if video is not None:
             await video.__aexit__()
         tasks, self._tasks = self._tasks, []
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await cancelled(*tasks)
         answers, self._answers = self._answers, None
         if answers is not None:
             await in_thread(answers.close)

@@ -32,7 +32,7 @@ from zmav.links.base import Link, LinkFinished
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
-from zmav.waiting import in_thread
+from zmav.waiting import in_thread, until_any
 
 LONGEST_STEP_S = 60.0
 """a longer step between two records, or one backwards, is a clock that was set, or a pause: it is played as no time"""
@@ -293,11 +293,8 @@ async def _until_over(player: Player, links: Sequence[FedLink]) -> None:
             await asyncio.to_thread(link.feed, None)
             await asyncio.to_thread(link.wait_taken)
 
-    ways_to_end = {asyncio.create_task(until_stopped()), asyncio.create_task(played())}
-    _, unfinished = await asyncio.wait(ways_to_end, return_when=asyncio.FIRST_COMPLETED)
+    await until_any(until_stopped(), played())
     player.stop()
-    for task in unfinished:
-        task.cancel()
 
 
 class Putter:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Protocol
 
 from ground.record.folder import Record
 from zmav import keys
-from zmav.errors import BadConfig, BadInput, BadKey, missing_extra
+from zmav.errors import BadConfig, BadInput, BadKey, needs
 from zmav.links.tlog import TlogReader
 
 _RECORDED = re.compile(r"(?:[a-z0-9_-]+\.)?(?P<vehicle>[a-z0-9_-]+)\.\d{3,}\Z")
@@ -72,10 +71,7 @@ class Tlogs:
 
 def check_mcap() -> None:
     """Raise :class:`BadConfig` where the package is missing."""
-    try:
-        importlib.import_module("mcap.writer")
-    except ImportError as e:
-        raise missing_extra("an .mcap (--no-mcap records without)", "mcap", "ground") from e
+    needs("an .mcap (--no-mcap records without)", "ground", "mcap.writer")
 
 
 def open_all(paths: Sequence[Path]) -> list[Source]:

@@ -17,7 +17,7 @@ from zmav.client import Client
 from zmav.errors import BadInput, BadKey
 from zmav.vision.mux import Muxer
 from zmav.vision.video import Unit, Units, VideoReader, pyav
-from zmav.waiting import in_thread, on_loop
+from zmav.waiting import cancelled, in_thread, on_loop
 
 MOST_CAMERAS = 32
 PREFIX = "video-"
@@ -53,9 +53,7 @@ class VideoFiles:
         for each in self._held:
             with contextlib.suppress(zenoh.ZError):  # the session has gone
                 each.undeclare()
-        for task in self._tasks.values():
-            task.cancel()
-        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+        await cancelled(*self._tasks.values())
 
     def _heard(self, sample: zenoh.Sample) -> None:
         """A camera says that it is there."""

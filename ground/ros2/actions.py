@@ -19,6 +19,7 @@ from ground.ros2 import convert
 from ground.ros2.node import RosNode
 from ground.ros2.qos import LATCHED
 from zmav.errors import Refused, ZmavError
+from zmav.waiting import cancelled
 
 logger = logging.getLogger(__name__)
 ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 1, 2, 3, 4, 5, 6
@@ -81,10 +82,7 @@ class Action:
 
     async def close(self) -> None:
         """What was begun goes on without us."""
-        tasks = [goal.task for goal in self._goals.values() if goal.task is not None]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await cancelled(*(goal.task for goal in self._goals.values()))
 
     async def _send(self, request: Any, gid: bytes) -> Any:
         """Accepted where it may be given at all; what becomes of it is the goal's end."""

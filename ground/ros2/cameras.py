@@ -23,6 +23,7 @@ from zmav.client import Answer, Client
 from zmav.errors import BadInput, BadKey, ZmavError
 from zmav.vehicle import Vehicle
 from zmav.vision.reader import Picture, Reader
+from zmav.waiting import cancelled
 
 logger = logging.getLogger(__name__)
 MOST = 8
@@ -112,8 +113,7 @@ class Cameras:
         self._looking = asyncio.create_task(self._look())
 
     async def close(self) -> None:
-        self._looking.cancel()
-        await asyncio.gather(self._looking, return_exceptions=True)
+        await cancelled(self._looking)
         for camera in self.cameras.values():
             await camera.close()
         self.cameras.clear()

@@ -14,7 +14,7 @@ from zmav.cli.common import dialect_option, run, zenoh_options
 from zmav.client import Client, connect
 from zmav.config import load_fleet
 from zmav.config.fleet import Ros2
-from zmav.errors import BadConfig, Forbidden, missing_extra
+from zmav.errors import BadConfig, Forbidden, needs
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
@@ -84,11 +84,7 @@ def command(
             say(why)
             systemd.notify("READY=1", f"STATUS={why}")  # or its end were a failure
             return
-    try:
-        import rosbags  # noqa: F401
-        import xxhash  # noqa: F401
-    except ImportError as e:
-        raise missing_extra("'zmav ros2'", e.name, "ros2") from e
+    needs("'zmav ros2'", "ros2", "rosbags", "xxhash")
     from ground.ros2.telemetry import rates
 
     told = tuple(f"{topic}={hz}" for topic, hz in asked.rates.items()) if beside is not None else ()

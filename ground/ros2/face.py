@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
@@ -18,7 +17,7 @@ from ground.ros2.params import Parameters
 from ground.ros2.plans import Plans
 from ground.ros2.qos import RELIABLE, SENSOR
 from ground.ros2.rosout import Rosout
-from ground.ros2.setpoints import SetpointTopics
+from ground.ros2.setpoints import setpoint_topics
 from ground.ros2.steering import Steering
 from ground.ros2.swarm import NODE as SWARM
 from ground.ros2.swarm import Swarm
@@ -29,7 +28,7 @@ from zmav.doctor.facts import facts_of
 from zmav.doctor.rules import reasons
 from zmav.tokens import find_tokens
 from zmav.vehicle import Vehicle
-from zmav.waiting import in_thread
+from zmav.waiting import cancelled, in_thread
 
 logger = logging.getLogger(__name__)
 NODE = "zmav"
@@ -75,7 +74,7 @@ class VehicleNode:
         self.actions = long_orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
         self.plans = Plans(z, self.node, watch, vehicle.fleet, vehicle.name, fleet_frame(vehicle.fleet))
-        SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
+        setpoint_topics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self.cameras = Cameras(z, ros, watch, vehicle, self.name)
         self._params_node = ros.node(f"/{self.name}", "param")
         Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
@@ -91,8 +90,7 @@ class VehicleNode:
         self._events = asyncio.create_task(self._hear())
 
     async def close(self) -> None:
-        self._events.cancel()
-        await asyncio.gather(self._events, return_exceptions=True)
+        await cancelled(self._events)
         self.telemetry.close()
         await self.cameras.close()
         await self.missions.close()
@@ -182,9 +180,7 @@ class Face:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._running.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await self._running
+        await cancelled(self._running)
         self.watch.close()
         for name in list(self.vehicles):
             self._close(name)

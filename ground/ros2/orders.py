@@ -20,6 +20,7 @@ from zmav.errors import BadInput, Forbidden, NotHolder, Refused, Unsupported, Zm
 from zmav.mavlink.results import CommandResult
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS
+from zmav.waiting import cancelled
 
 UNDER_WAY = {"alt_rel", "away", "progress"}
 """what a vehicle tells of an order that it has begun to carry out"""
@@ -74,9 +75,7 @@ class Orders:
 
     async def close(self) -> None:
         """The vehicle sees through what it was told."""
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await cancelled(*self._tasks)
 
     async def begin(self, verb: str, args: wire.Order, gid: bytes) -> None:
         """Give an order; returns when it is done or under way. Raises what the vehicle says."""

@@ -18,44 +18,35 @@ UNIT = 0.01
 Fields = Callable[[Any], dict[str, Any]]
 
 
-class SetpointTopics:
-    """Lives on the event loop. ``frame``: the fleet's. What cannot be flown is dropped and said."""
+def setpoint_topics(node: RosNode, frame: str, steering: Steering) -> None:
+    """Take them, on the event loop; ``frame``: the fleet's. What cannot be flown is dropped and said."""
 
-    def __init__(self, node: RosNode, frame: str, steering: Steering) -> None:
-        self._steering = steering
-        self._frames = ("", frame, "map")
-        """MAVROS's scripts say ``map``"""
-        topics: tuple[tuple[str, str, Fields], ...] = (
-            ("setpoint_position/local", "geometry_msgs/msg/PoseStamped", self._position),
-            ("setpoint_velocity/cmd_vel", "geometry_msgs/msg/TwistStamped", self._velocity),
-            ("setpoint_velocity/cmd_vel_unstamped", "geometry_msgs/msg/Twist", velocity),
-        )
-        for name, kind, fields in topics:
-            node.subscribe(name, kind, self._taking(fields))
+    def checked(header: Any) -> None:
+        if header.frame_id not in ("", frame, "map"):  # MAVROS's scripts say "map"
+            raise BadInput.wrong("frame_id", header.frame_id[:40], f"{frame}, the fleet's")
 
-    def _taking(self, fields: Fields) -> Callable[[Any, Attachment], None]:
+    def position(message: Any) -> dict[str, Any]:
+        checked(message.header)
+        return pose_fields(message.pose)
+
+    def stamped(message: Any) -> dict[str, Any]:
+        checked(message.header)
+        return velocity(message.twist)
+
+    def taking(fields: Fields) -> Callable[[Any, Attachment], None]:
         def take(message: Any, said: Attachment) -> None:
             try:
                 given = fields(message)
             except BadInput as e:
-                self._steering.drop(e)
-                return
-            self._steering.fly(said, given)
+                steering.drop(e)
+            else:
+                steering.fly(said, given)
 
         return take
 
-    def _check(self, header: Any) -> None:
-        if header.frame_id not in self._frames:
-            expected = f"{self._frames[1]}, the fleet's"
-            raise BadInput.wrong("frame_id", header.frame_id[:40], expected)
-
-    def _position(self, message: Any) -> dict[str, Any]:
-        self._check(message.header)
-        return pose_fields(message.pose)
-
-    def _velocity(self, message: Any) -> dict[str, Any]:
-        self._check(message.header)
-        return velocity(message.twist)
+    node.subscribe("setpoint_position/local", "geometry_msgs/msg/PoseStamped", taking(position))
+    node.subscribe("setpoint_velocity/cmd_vel", "geometry_msgs/msg/TwistStamped", taking(stamped))
+    node.subscribe("setpoint_velocity/cmd_vel_unstamped", "geometry_msgs/msg/Twist", taking(velocity))
 
 
 def pose_fields(pose: Any) -> dict[str, Any]:

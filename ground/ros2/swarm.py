@@ -21,15 +21,16 @@ from ground.ros2.plans import path
 from ground.ros2.qos import LATCHED, RosQos
 from ground.ros2.rosout import Rosout
 from ground.ros2.steering import READ_ONLY, SAY_EVERY, SAY_MOST
-from ground.ros2.watch import W, Watch, WhileWanted, hear, reading
+from ground.ros2.watch import W, Watch, WhileWanted, hear
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import Refused, TimedOut, ZmavError
 from zmav.ratelimit import RateLimit
+from zmav.subscription import document
 from zmav.swarm import FleetOrder, order_chief
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 from zmav.wire import swarm
 
 NODE = "swarm"
@@ -90,9 +91,8 @@ class Swarm:
         for publisher, telling in self._heard:
             self._watch.withdraw(publisher.endpoint)
             await telling.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, *(action.close() for action in self.actions), return_exceptions=True)
+        await cancelled(*self._tasks)
+        await asyncio.gather(*(action.close() for action in self.actions), return_exceptions=True)
         self.node.close()
 
     # Topics.
@@ -248,7 +248,9 @@ class SwarmGoal:
 
     async def run(self, feedback: Feedback) -> dict[str, Any]:
         try:
-            async with self._z.subscribe(*reading(self._z.fleet_name, "goal", swarm.Book)) as books:
+            async with self._z.subscribe(
+                keys.FLEET.key(self._z.fleet_name, topic="goal"), document(swarm.Book)
+            ) as books:
                 self._goal = await self._give()
                 self._known.set()
                 await self._watch(books.get, feedback)
@@ -269,7 +271,7 @@ class SwarmGoal:
         term, last, seen = 0, "", time.monotonic()
         while True:
             try:
-                book: swarm.Book = await within(seen + BOOKLESS - time.monotonic(), next_book())
+                book: swarm.Book = (await within(seen + BOOKLESS - time.monotonic(), next_book()))[1]
             except asyncio.TimeoutError:
                 silent = f"the planner is silent of {self._goal}, which was {last}: its vehicles come to rest"
                 raise TimedOut(silent if last else f"{self._goal} is in no book", goal=self._goal) from None

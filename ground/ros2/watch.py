@@ -16,10 +16,11 @@ import zenoh
 
 from ground.ros2 import graph
 from ground.ros2.node import Ros
-from zmav import keys, wire
+from zmav import keys
 from zmav.client import Client
 from zmav.direct import direct
-from zmav.waiting import on_loop
+from zmav.subscription import document
+from zmav.waiting import cancelled, on_loop
 
 logger = logging.getLogger(__name__)
 W = TypeVar("W", bound=msgspec.Struct)
@@ -53,26 +54,18 @@ class WhileWanted:
 
     async def close(self) -> None:
         """Returns once it has ended."""
-        task = self._task
-        self(False)
-        if task is not None:
-            await asyncio.gather(task, return_exceptions=True)
+        task, self._task = self._task, None
+        await cancelled(task)
 
 
 async def hear(z: Client, fleet: str, topic: str, payload: type[W], publish: Callable[[W], None]) -> None:
     """Have what is said of a topic of the fleet published, for :class:`WhileWanted`."""
-    async with z.subscribe(*reading(fleet, topic, payload)) as told:
-        async for each in told:
+    async with z.subscribe(keys.FLEET.key(fleet, topic=topic), document(payload)) as told:
+        async for _, each in told:
             try:
                 publish(each)
             except Exception:
                 logger.exception("what was said of %s's %s was not published", fleet, topic)
-
-
-def reading(fleet: str, topic: str, payload: type[W]) -> tuple[str, Callable[[zenoh.Sample], W]]:
-    """What :meth:`Client.subscribe` takes for a topic of the fleet."""
-    key = keys.FLEET.key(fleet, topic=topic)
-    return key, lambda sample: wire.decode(sample.payload.to_bytes(), payload, key)
 
 
 def _less(counter: collections.Counter[Any], what: Any) -> None:

@@ -12,7 +12,7 @@ from ground.rtk.options import Fixed, parse_place, parse_source, parse_survey
 from zmav import keys
 from zmav.cli.common import Work, connected, json_option
 from zmav.client import Client
-from zmav.errors import BadInput, missing_extra
+from zmav.errors import BadInput, needs
 from zmav.process import log
 
 if TYPE_CHECKING:
@@ -57,11 +57,7 @@ def command(
     $ZMAV_NTRIP_PASSWORD), a base receiver (/dev/ttyACM0, /dev/ttyUSB0,115200, tcp:HOST:PORT), or a file of RTCM 3.
     A second source stands by. 'zmav top', the page and 'zmav doctor' show what comes of it at each vehicle.
     """
-    try:
-        import pygnssutils  # noqa: F401
-        import pyubx2  # noqa: F401
-    except ImportError as e:
-        raise missing_extra("'zmav rtk'", e.name, "rtk") from e
+    needs("'zmav rtk'", "rtk", "pygnssutils", "pyubx2")
     from ground.rtk.program import RtkSettings, check
 
     if survey and at:

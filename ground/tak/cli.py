@@ -11,7 +11,7 @@ from ground.host import host_name
 from zmav import keys
 from zmav.cli.common import Between, Work, connected, json_option
 from zmav.client import Client
-from zmav.errors import BadUrl, missing_extra
+from zmav.errors import BadUrl, needs
 from zmav.process import log
 
 EXPECTED = "tcp://HOST:8087, tls://HOST:8089, or udp://239.2.3.1:6969"
@@ -50,10 +50,7 @@ def command(
     found = re.fullmatch(r"(tcp|tls|udp)://(\[[0-9a-fA-F:.]+\]|[\w.-]+):(\d{1,5})", url)
     if found is None or not 0 < int(found[3]) < 65536:
         raise BadUrl(f"no TAK server {url!r}", field="url", value=url, expected=EXPECTED)
-    try:
-        import pytak  # noqa: F401
-    except ImportError as e:
-        raise missing_extra("'zmav tak'", e.name, "traffic") from e
+    needs("'zmav tak'", "traffic", "pytak")
     from ground.tak.program import TakSettings, tls_of
 
     settings = TakSettings(

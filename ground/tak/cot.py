@@ -145,7 +145,5 @@ def places_of(state: wire.VehicleState, track: Sequence[tuple[float, float, floa
     """A planned track (s, north, east, down) on the globe, by a vehicle that says where it is in both frames."""
     if state.position is None or state.local is None:
         return []
-    at = state.position
-    here = wire.Origin(lat_deg=at.lat_deg, lon_deg=at.lon_deg, alt_amsl=at.alt_amsl)
-    n, e, d = state.local
+    here, (n, e, d) = state.position, state.local
     return [geo.to_global(here, (north - n, east - e, down - d)) for _, north, east, down in track]

@@ -23,7 +23,7 @@ from ground.tak.cot import Cot, places_of
 from zmav import keys, wire
 from zmav.doctor.rules import of_state
 from zmav.errors import BadInput
-from zmav.waiting import on_loop, within
+from zmav.waiting import cancelled, on_loop, within
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of transports that it could have, and that are not wanted
@@ -82,9 +82,7 @@ class Tak(Connecting):
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await cancelled(*self._tasks)
         self._intake.close()
 
     def _hear(self, fleet: str, plan: wire.swarm.PlanReport) -> None:
@@ -123,9 +121,7 @@ class Tak(Connecting):
                     self.events += 1
                 await asyncio.sleep(self.settings.every)
         finally:
-            if reading is not None:
-                reading.cancel()
-                await asyncio.gather(reading, return_exceptions=True)
+            await cancelled(reading)
             writer.close()
             if not streams and reader is not None:
                 reader.close()

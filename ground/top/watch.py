@@ -21,6 +21,7 @@ from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_o
 from zmav.doctor.rules import PROOF
 from zmav.doctor.ways import Link
 from zmav.errors import BadInput, ZmavError
+from zmav.subscription import document
 from zmav.trust.member import Place
 from zmav.vehicle import Vehicle
 from zmav.waiting import together, within
@@ -112,15 +113,10 @@ class Watch:
 
     async def _hear(self, key: str, kind: type[Any], take: Callable[[Place, str, Any], None], history: int = 0) -> None:
         """``take`` gets whose it is, the key and the payload as a ``kind``."""
-
-        def convert(sample: zenoh.Sample) -> tuple[Place, str, Any]:
-            key = str(sample.key_expr)
-            _, fleet, name, _ = key.split("/", 3)
-            return (fleet, name), key, wire.decode(sample.payload.to_bytes(), kind, key)
-
-        async with self._z.subscribe(key, convert, history=history) as samples:
-            async for place, key, value in samples:
-                take(place, key, value)
+        async with self._z.subscribe(key, document(kind), history=history) as samples:
+            async for key, value in samples:
+                _, fleet, name, _ = key.split("/", 3)
+                take((fleet, name), key, value)
 
     def _on_event(self, place: Place, _: str, event: wire.Event) -> None:
         if (seen := self._of(place)) is not None:

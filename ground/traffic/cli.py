@@ -11,7 +11,7 @@ import msgspec
 from ground.host import host_name
 from zmav.cli.common import Between, Work, connected, console, dump, json_option, seconds_option
 from zmav.client import Client
-from zmav.errors import BadInput, missing_extra
+from zmav.errors import BadInput, needs
 from zmav.process import log
 from zmav.traffic import on_earth
 
@@ -87,10 +87,7 @@ def command(
 
     found = tuple(dict.fromkeys(map(parse_feed, feeds)))
     if any(feed.kind == "beast" for feed in found):
-        try:
-            import pyModeS  # noqa: F401
-        except ImportError as e:
-            raise missing_extra("a Beast feed", e.name, "traffic") from e
+        needs("a Beast feed", "traffic", "pyModeS")
     from ground.traffic.program import TrafficSettings
 
     settings = TrafficSettings(

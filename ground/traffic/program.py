@@ -20,6 +20,7 @@ from zmav import keys, wire
 from zmav.corrections import Charge
 from zmav.errors import BadConfig
 from zmav.traffic import CURRENT_S, LATE_S, LONGEST_NAME, Tracks
+from zmav.waiting import cancelled
 
 AGENT = "traffic"
 PERIOD_S = 1.0
@@ -91,9 +92,7 @@ class TrafficProgram:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await cancelled(*self._tasks)
         self.listener.__exit__()
         self._publisher.undeclare()
 

@@ -16,6 +16,7 @@ from zmav.cli.common import Between, Work, connected
 from zmav.client import Client
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import say, until_stopped
+from zmav.waiting import until_any
 
 
 @click.command("view")
@@ -82,24 +83,22 @@ def sinks_of(save: str | None, web: bool, port: int) -> list[Sink]:
 async def _paint(watch: Watch, screens: list[Screen]) -> None:
     """Until a signal, or until a painter ends: its window was closed, or its sink is of no use."""
     async with contextlib.AsyncExitStack() as stack:
-        watching = asyncio.create_task(watch.run())
-        stack.callback(watching.cancel)
         for screen in screens:
             await stack.enter_async_context(screen)
-        serving = [asyncio.create_task(screen.serve()) for screen in screens]
         telling = asyncio.create_task(_tell(screens))
-        stopped = asyncio.create_task(until_stopped())
-        done, _ = await asyncio.wait([stopped, watching, *serving], return_when=asyncio.FIRST_COMPLETED)
-        for task in (telling, stopped, *serving):
-            task.cancel()
-        if watching in done:
-            watching.result()
-        for task, screen in zip(serving, screens, strict=True):
-            sink = screen.sink
-            if task in done and (code := task.result()) != 0:
-                if code == LOST:
-                    raise ZmavError(f"{sink.path} does not grow any more: is its disk full, or has it been deleted?")
-                raise ZmavError(f"{sink.words} could not be kept up: its painter ended with {code}")
+        try:
+            await until_any(until_stopped(), watch.run(), *map(_serve, screens))
+        finally:
+            telling.cancel()
+
+
+async def _serve(screen: Screen) -> None:
+    """Raises why its painter ended, where nobody closed the window."""
+    sink, code = screen.sink, await screen.serve()
+    if code == LOST:
+        raise ZmavError(f"{sink.path} does not grow any more: is its disk full, or has it been deleted?")
+    if code != 0:
+        raise ZmavError(f"{sink.words} could not be kept up: its painter ended with {code}")
 
 
 async def _tell(screens: list[Screen]) -> None:

@@ -24,8 +24,7 @@ def usable(vector: Vector | None) -> bool:
 
 def origin_behind(position: wire.GlobalPosition, local: Vector) -> wire.Origin:
     """The origin about which ``local`` is the place of ``position``: what a vehicle with a declared one betrays."""
-    here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=position.alt_amsl)
-    found = here
+    found = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=position.alt_amsl)
     for _ in range(3):  # the map's scale is that of the origin's latitude, which is sought
         north, east, _ = geo.to_ned(found, position.lat_deg, position.lon_deg, position.alt_amsl)
         back = (north - local[0], east - local[1], 0.0)

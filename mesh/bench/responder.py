@@ -22,6 +22,7 @@ from zmav.services.queries.proven import Answers, attached
 from zmav.services.queries.questions import Channel, Questions, Reply, Steps
 from zmav.trust.gate import Gate, Origin, Prove, anybody
 from zmav.trust.roster import Roster
+from zmav.waiting import cancelled
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 
 MOST_WAITING = 64
@@ -75,9 +76,7 @@ class Responder:
     async def __aexit__(self, *_: object) -> None:
         self.questions.close()
         self._intake.close()
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+        await cancelled(self._task)
 
     @property
     def busy(self) -> Run | None:

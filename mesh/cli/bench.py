@@ -18,6 +18,7 @@ from zmav.client import Client
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadInput
 from zmav.process import until_stopped
+from zmav.waiting import cancelled
 from zmav.wire.bench import BenchInterval, BenchOutage, BenchTrip
 
 HEAD = f"{'interval':>14} {'transfer':>11} {'bandwidth':>14} {'jitter':>10} {'lost/total':>16} {'':>8} {'delay':>10}"
@@ -145,8 +146,7 @@ async def measure(z: Client, a: str, b: str, kind: str, stream: Stream, as_json:
         else:
             await _stream(bench, first, second, stream, until, as_json, recover=kind == "recover")
     finally:
-        stopped.cancel()
-        await asyncio.gather(stopped, return_exceptions=True)
+        await cancelled(stopped)
 
 
 def wanted(

@@ -24,6 +24,7 @@ from mesh.lab.status import tables
 from zmav.cli.common import assignments, console, dump, json_option, run
 from zmav.errors import BadInput
 from zmav.process import until_stopped
+from zmav.waiting import cancelled
 
 
 @click.group("lab")
@@ -69,8 +70,7 @@ async def _up(made: Lab) -> None:
         if made.failed.done():
             raise LabError(made.failed.result())
     finally:
-        stopped.cancel()
-        await asyncio.gather(stopped, return_exceptions=True)
+        await cancelled(stopped)
 
 
 @lab.command("status")

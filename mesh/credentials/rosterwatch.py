@@ -35,7 +35,7 @@ from zmav.trust.credentials import Credentials
 from zmav.trust.gate import anybody
 from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Allowance
-from zmav.waiting import on_loop, within
+from zmav.waiting import cancelled, on_loop, within
 
 LONGEST = 64.0
 """s: Trickle's longest interval"""
@@ -82,9 +82,7 @@ class RosterWatch:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await cancelled(*self._tasks)
         self._intake.close()
         self._questions.close()
         for declared in self._declared:

@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 
 from mesh.lab.network import Network
 from zmav.session import DEFAULT_PORT
+from zmav.waiting import cancelled
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 """one caller, until it leaves"""
@@ -68,9 +69,7 @@ async def door_of(network: Network, host: str) -> AsyncIterator[str]:
             try:
                 await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
             finally:
-                for way in ways:
-                    way.cancel()
-                await asyncio.gather(*ways, return_exceptions=True)
+                await cancelled(*ways)
                 out.close()
 
     async with serving(lambda enter: asyncio.start_server(enter, "127.0.0.1", 0), serve) as server:

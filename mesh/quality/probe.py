@@ -27,6 +27,7 @@ from mesh.quality.meter import SOURCE, Meter, unpack
 from zmav import keys
 from zmav.direct import direct
 from zmav.errors import BadInput
+from zmav.waiting import cancelled
 
 KEEP = 60.0
 """s for which a neighbour that went away is still told of"""
@@ -138,9 +139,7 @@ class Prober:
         self._task = asyncio.get_running_loop().create_task(self._run())
 
     async def close(self) -> None:
-        if self._task:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+        await cancelled(self._task)
         with contextlib.suppress(zenoh.ZError):
             self._subscriber.undeclare()
         for neighbour in self.neighbours.values():

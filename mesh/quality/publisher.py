@@ -19,6 +19,7 @@ from zmav.config.mesh import parse_budget
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.gate import anybody
+from zmav.waiting import cancelled
 
 PERIOD = 1.0
 NAMELESS = 3.0
@@ -57,8 +58,7 @@ class LinkQualities:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        await cancelled(self._task)
         self._questions.close()
         await self.prober.close()
 

@@ -19,7 +19,6 @@ from agents.helipad.agent import Helipad, HelipadSettings
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import Refused
-from zmav.session import SessionSettings
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import CameraSpec, PadSpec
 from zmav.sim.camera.serve import serve_cameras
@@ -67,8 +66,7 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
             await vehicle.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
 
         own = CameraSettings(vehicle="quad1", rate=LENS.rate_hz, budget=500e3, offset=LENS.offset_m)
-        bulk = SessionSettings(connect=[endpoint])
-        camera = CameraAgent(z, own, MjpegSource(pictures), FIELD_OF_VIEW, bulk)
+        camera = CameraAgent(z, own, MjpegSource(pictures), FIELD_OF_VIEW)
         await stack.enter_async_context(camera)
         helipad = Helipad(z, "quad1", HelipadSettings(target="rover1", deck_m=DECK + WRONG))
         follower = Follower(z, "quad1", FollowerSettings(deck_m=DECK + WRONG))

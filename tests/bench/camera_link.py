@@ -179,7 +179,7 @@ async def ours(link: Link, seconds: float) -> Result:
         async with (
             zmav.open(settings=session) as z,
             zmav.open(settings=SessionSettings(connect=[there])) as ground,
-            CameraAgent(z, own, Painted(), 1.1, session) as agent,
+            CameraAgent(z, own, Painted(), 1.1) as agent,
             Reader(ground, "quad1") as reader,
         ):
             delays: list[float] = []

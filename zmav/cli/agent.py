@@ -44,6 +44,7 @@ from zmav.config.table import reading
 from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
+from zmav.subscription import document
 from zmav.waiting import within
 
 GROUP, CONTROLLERS = "zmav.agents", "zmav.controllers"
@@ -254,11 +255,10 @@ def list_(vehicles: str, seconds: float, as_json: bool) -> Work:
         found: dict[tuple[str, str], wire.AgentStatus] = {}
 
         async def hear() -> None:
-            async with z.subscribe(keys.AGENT_STATUS.key(z.fleet_name, vehicles, agent="*")) as samples:
-                async for sample in samples:
-                    with contextlib.suppress(BadInput):
-                        status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
-                        found[str(sample.key_expr).split("/")[2], status.agent] = status
+            where = keys.AGENT_STATUS.key(z.fleet_name, vehicles, agent="*")
+            async with z.subscribe(where, document(wire.AgentStatus)) as statuses:
+                async for key, status in statuses:
+                    found[key.split("/")[2], status.agent] = status
 
         with contextlib.suppress(asyncio.TimeoutError):
             await within(seconds, hear())

@@ -122,9 +122,8 @@ async def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, 
     except TimedOut:
         text = f"where {vehicle.name} is, is not known: give --area, or wait for its GPS"
         raise BadInput(text, field="area", value=None, expected="south,west,north,east in degrees") from None
-    place = state.position
-    assert place is not None
-    here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
+    here = state.position
+    assert here is not None
     return (*geo.to_global(here, (-radius, -radius, 0.0))[:2], *geo.to_global(here, (radius, radius, 0.0))[:2])
 
 

@@ -25,7 +25,7 @@ from zmav.errors import BadInput, ZmavError
 from zmav.tokens import find_tokens
 from zmav.trust.credentials import Credentials
 from zmav.vehicle.vehicle import Vehicle
-from zmav.waiting import together, within
+from zmav.waiting import cancelled, together, within
 
 PINGS = 5
 PART_S = 15.0
@@ -125,8 +125,7 @@ async def look(
         found |= {"links": listener.autopilots, "neighbours": listener.neighbours, "agents": listener.agents()}
         return Survey(vehicles=vehicles, unfinished=late, file=file, name=name, **found)
     finally:
-        listening.cancel()
-        await asyncio.gather(listening, return_exceptions=True)
+        await cancelled(listening)
 
 
 async def _of_each(vehicles: list[Vehicle], ask: Callable[[Vehicle], Awaitable[T]]) -> dict[str, T]:

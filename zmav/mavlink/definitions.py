@@ -73,6 +73,7 @@ def _from_class(cls: Any, bitmasks: set[str]) -> MessageType:
                 enum=enum,
                 bitmask=cls.fielddisplays_by_name.get(name) == "bitmask" or enum in bitmasks,
                 extension=index >= first_extension,
+                instance=name == cls.instance_field,
             )
         )
     return MessageType.build(cls.id, cls.msgname, cls.crc_extra, fields, list(cls.ordered_fieldnames))

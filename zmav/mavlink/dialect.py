@@ -38,6 +38,7 @@ class Field(msgspec.Struct, frozen=True):
     ``type`` is the element's C type ("uint16_t", "char" ...); ``length`` the number of array elements, 0 for a scalar.
     ``units`` ("degE7", "m/s" ...) and ``enum`` ("MAV_TYPE") are "" where there are none; ``bitmask`` says that the
     enum's entries are flags to be combined; an ``extension`` field exists in MAVLink 2 only and may be absent (zero).
+    An ``instance`` tells which of several a message is about: which battery, which motor.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Field(msgspec.Struct, frozen=True):
     enum: str = ""
     bitmask: bool = False
     extension: bool = False
+    instance: bool = False
 
     @property
     def code(self) -> str:

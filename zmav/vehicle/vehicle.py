@@ -22,6 +22,7 @@ from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
 from zmav.vehicle.terrain import GroundPieces
 from zmav.verbs import GRANTABLE, VERBS
+from zmav.waiting import cancelled
 from zmav.wire.orders import OTHER, UNKNOWN
 
 if TYPE_CHECKING:
@@ -400,9 +401,7 @@ class Vehicle:
                     break
                 await asyncio.sleep(0.1)
         finally:
-            for task in asked:
-                task.cancel()
-            await asyncio.gather(*asked, return_exceptions=True)
+            await cancelled(*asked)
         if self._client.member is not None:
             self._client.member.check_role(key)
         if not self.present:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-from typing import Any
+import contextlib
+from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 from zmav.errors import BadInput
-from zmav.vision.video import CLOCK_RATE, Unit, pyav
+from zmav.vision.video import Packets, Unit, pyav
 
 PATIENCE_US = 5_000_000
 """for who is to take it by TCP"""
 FORMATS = {"udp": "mpegts", "tcp": "mpegts", "rtp": "rtp"}
 DATAGRAM = 1316
 """bytes: seven packets of MPEG-TS, as every player takes them"""
-JUMP = 10.0
-"""s between two units beyond which the camera's clock was set"""
 
 
 class Muxer:
@@ -24,38 +22,32 @@ class Muxer:
     """
 
     def __init__(self, where: str, first: Unit) -> None:
-        self._av, self._pts, self._zero = pyav(), -1, first.t
-        self._where = where
+        self._av, self._packets, self._where = pyav(), Packets(), where
         scheme = urlsplit(where).scheme if "://" in where else ""
         # PyAV hands options to the format only: those of a protocol go with the address.
         more = {"udp": f"pkt_size={DATAGRAM}", "tcp": f"timeout={PATIENCE_US}"}.get(scheme)
         url = f"{where}{'&' if '?' in where else '?'}{more}" if more else where
         own = {"flush_packets": "1", **({"payload_type": "96"} if scheme == "rtp" else {})}
-        try:
+        with self._writing():
             self._out = self._av.open(url, "w", format=FORMATS.get(scheme, "mpegts"), options=own)
             self._stream = self._out.add_mux_stream("h264", rate=30, width=first.width, height=first.height)
             self._out.start_encoding()  # writes the header: where nobody can write is found now
-        except (self._av.FFmpegError, OSError, ValueError) as e:
-            raise BadInput(f"{where}: {e}", field="to", value=where, expected="a place to write to") from e
 
     def add(self, unit: Unit) -> None:
-        packet: Any = self._av.Packet(unit.data)
-        packet.stream, packet.is_keyframe = self._stream, unit.key
-        pts = round((unit.t - self._zero) * CLOCK_RATE)
-        if not self._pts < pts <= self._pts + JUMP * CLOCK_RATE:  # the camera's clock was set
-            self._zero = unit.t - (self._pts + CLOCK_RATE / 30) / CLOCK_RATE
-            pts = self._pts + CLOCK_RATE // 30
-        self._pts = packet.pts = packet.dts = pts
-        packet.time_base = Fraction(1, CLOCK_RATE)
-        try:
+        packet = self._packets.of(unit)
+        packet.stream = self._stream
+        with self._writing():
             self._out.mux(packet)
-        except (self._av.FFmpegError, OSError, ValueError) as e:
-            raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
 
     def close(self) -> None:
         """Raises :class:`BadInput` where the end could not be written."""
-        try:
+        with self._writing():
             self._out.close()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
         except (self._av.FFmpegError, OSError, ValueError) as e:
             raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
 

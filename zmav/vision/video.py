@@ -13,6 +13,7 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 from zmav import keys
@@ -35,6 +36,8 @@ MOST_WAITING, MOST_WAITING_BYTES = 60, 4_000_000
 """units that wait for who takes them: two seconds, as a rule"""
 CLOCK_RATE = 90_000
 """Hz of time stamps in MPEG-TS and RTP"""
+JUMP_S = 10.0
+"""s between two units beyond which the camera's clock was set"""
 
 
 def pyav() -> Any:
@@ -92,6 +95,28 @@ def unpacked(whole: Whole, arrived: float) -> Unit:
             "unit", sorted(kinds), "parameter sets and a key frame", "a key frame lacks what it needs"
         )
     return Unit(data, key, whole.t, whole.seq, whole.width, whole.height, arrived)
+
+
+class Packets:
+    """Units as PyAV's packets, to be passed on. Their times only grow: where the camera's clock was set, or it was
+    away, the next one is a thirtieth of a second later.
+    """
+
+    def __init__(self) -> None:
+        self._av = pyav()
+        self._zero: float | None = None
+        self._pts = -1
+
+    def of(self, unit: Unit) -> Any:
+        self._zero = unit.t if self._zero is None else self._zero
+        pts = round((unit.t - self._zero) * CLOCK_RATE)
+        if not self._pts < pts <= self._pts + JUMP_S * CLOCK_RATE:
+            pts = self._pts + CLOCK_RATE // 30
+            self._zero = unit.t - pts / CLOCK_RATE
+        packet: Any = self._av.Packet(unit.data)
+        self._pts = packet.pts = packet.dts = pts
+        packet.time_base, packet.is_keyframe = Fraction(1, CLOCK_RATE), unit.key
+        return packet
 
 
 class Units:

@@ -19,7 +19,7 @@ from zmav import keys, wire
 from zmav.cli.common import Between, Finite, dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut
 from zmav.session import SessionSettings
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 
 TOPIC = "signals"
 BEFORE = 1.0
@@ -110,8 +110,7 @@ async def respond(
                 raise TimedOut(text, heard=len(heard))
             await asyncio.wait({order}, timeout=silent)
         finally:
-            order.cancel()
-            await asyncio.gather(order, return_exceptions=True)
+            await cancelled(order)
         slow, bad = signals.dropped, signals.bad
     report = _examined(args, heard, f"{vehicle}/{agent}")
     if slow:

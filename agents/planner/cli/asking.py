@@ -10,11 +10,11 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import msgspec
-import zenoh
 
 import zmav
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused
+from zmav.subscription import document
 from zmav.swarm import order_planner, planner_in_charge
 from zmav.tokens import find_tokens
 from zmav.wire import swarm
@@ -93,14 +93,11 @@ async def planners(z: zmav.Client) -> list[str]:
 async def books(z: zmav.Client, silence: float) -> AsyncIterator[swarm.Book | None]:
     """Each book of the planner in charge as it comes; None when none came for ``silence`` seconds."""
 
-    def convert(sample: zenoh.Sample) -> swarm.Book:
-        return wire.decode(sample.payload.to_bytes(), swarm.Book, "book")
-
     highest = 0
-    async with z.subscribe(keys.FLEET.key(z.fleet_name, topic="goal"), convert, depth=10) as told:
+    async with z.subscribe(keys.FLEET.key(z.fleet_name, topic="goal"), document(swarm.Book), depth=10) as told:
         while True:
             try:
-                book = await zmav.waiting.within(silence, told.get())
+                _, book = await zmav.waiting.within(silence, told.get())
             except asyncio.TimeoutError:
                 yield None
                 continue

@@ -12,10 +12,11 @@ from agents.planner.cli.asking import find, planners
 from agents.planner.cli.goals import GROUND, POLYGON, ground, polygon
 from agents.planner.cli.watching import few, show_goals
 from agents.planner.live.ledger import ENDED
-from zmav import keys, wire
+from zmav import keys
 from zmav.cli import places
 from zmav.cli.common import Finite, Work, connected, dump, json_option, show_table, tell
 from zmav.errors import BadInput
+from zmav.subscription import document
 from zmav.wire import Vector, swarm
 
 
@@ -162,8 +163,8 @@ def list_obstacles(as_json: bool) -> Work:
 async def _list_obstacles(z: zmav.Client, as_json: bool) -> None:
     await find(z)
     key = keys.FLEET.key(z.fleet_name, topic="obstacle")
-    async with z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.ObstacleMap, key)) as maps:
-        told = await zmav.waiting.within(12.0, maps.get())
+    async with z.subscribe(key, document(swarm.ObstacleMap)) as maps:
+        _, told = await zmav.waiting.within(12.0, maps.get())
     if as_json:
         click.echo(dump(msgspec.to_builtins(told)))
         return

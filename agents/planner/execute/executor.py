@@ -20,6 +20,7 @@ from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
+from zmav.waiting import cancelled
 
 if TYPE_CHECKING:
     from agents.planner.returning.keeper import ReturnKeeper
@@ -102,9 +103,7 @@ class Executor:
             if self.left and 2 * len(self.left) >= len(self.commands):
                 raise next(iter(self.left.values()))
         except BaseException:
-            for task in taking:
-                task.cancel()
-            await asyncio.gather(*taking, return_exceptions=True)
+            await cancelled(*taking)
             await self._stack.aclose()
             raise
         for name in self.left:

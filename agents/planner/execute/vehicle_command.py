@@ -18,7 +18,7 @@ from agents.planner.model.problem import Floats
 from zmav import keys, wire
 from zmav.errors import BadInput, Clash, Forbidden, NotHolder, Refused, ZmavError
 from zmav.vehicle import Lease
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 
 if TYPE_CHECKING:
     from agents.planner.returning.ways import Way
@@ -84,9 +84,7 @@ class VehicleCommand:
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await cancelled(*self._tasks)
         self.offset.free()
         await self._stack.aclose()
 
@@ -232,9 +230,7 @@ async def learn_time(z: zmav.Client, name: str, clock: Clock, offset: Offset, lo
             asking.append(asyncio.create_task(ask_time(z, name, clock, offset)))
             await asyncio.sleep(PING_SOON)
     finally:
-        for task in asking:
-            task.cancel()
-        await asyncio.gather(*asking, return_exceptions=True)
+        await cancelled(*asking)
 
 
 def way_home(home: Way, offset: Offset) -> wire.WayHome:

@@ -29,7 +29,7 @@ from agents.planner.live.traffic import TrafficWatch
 from agents.planner.live.world import LATE
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 from zmav.wire import swarm
 
 TICK = 0.2
@@ -106,9 +106,7 @@ class Agent:
     async def __aexit__(self, *exc: object) -> None:
         """Everybody comes to rest, and the goals stay in the book for anyone who stands by."""
         tasks = [*filter(None, (self._task, *self.publisher.tasks)), *self.context.asking]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await cancelled(*tasks)
         await asyncio.gather(*(run.close() for run in self.runs.values()), return_exceptions=True)
         await self.handlers.close()
         if self.context.charge.in_charge:

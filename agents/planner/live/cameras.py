@@ -9,7 +9,7 @@ from agents.planner.goals.steps import Fly, Pictures, Step
 from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from zmav import wire
 from zmav.errors import Stale, TimedOut, ZmavError
-from zmav.waiting import together
+from zmav.waiting import cancelled, together
 
 LOOK = 0.2
 """s between two looks: shorter than what is sent ahead of a vehicle that goes on, so that it goes on with its camera"""
@@ -51,9 +51,7 @@ class Cameras:
     async def __aexit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         for name in self._pictures:
             self._leased.commands[name].heading = None
-        if self._keeping is not None:
-            self._keeping.cancel()
-            await asyncio.gather(self._keeping, return_exceptions=True)
+        await cancelled(self._keeping)
         if kind is None:
             await self._tell_all(dict.fromkeys(self._triggered, 0.0))
 

@@ -237,9 +237,8 @@ class Fleet:
         found = self.last.get(name)
         if found is None or found[0].local is None or found[0].position is None:
             return
-        local, here = found[0].local, found[0].position
-        origin = wire.Origin(lat_deg=here.lat_deg, lon_deg=here.lon_deg, alt_amsl=here.alt_amsl)
-        north, east, down = geo.to_ned(origin, lat, lon, alt)
+        local = found[0].local
+        north, east, down = geo.to_ned(found[0].position, lat, lon, alt)
         self._homes.setdefault(name, (local[0] + north, local[1] + east, local[2] + down))
 
     def all(self) -> list[HeardVehicle]:

@@ -39,6 +39,7 @@ from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import Motion, MovingObstacle
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
+from zmav.waiting import cancelled
 from zmav.wire import Vector, swarm
 
 SETTLE = 90.0
@@ -131,8 +132,7 @@ class Run:
     async def close(self) -> None:
         """End without a word in the book; anyone who still flies comes to rest along its way first."""
         self.stopping = self.stopping or "closed"
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        await cancelled(self._task)
 
     # What it tells.
 

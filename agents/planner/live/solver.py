@@ -14,7 +14,7 @@ from agents.planner.live import jobs
 from agents.planner.model.deadline import WALL
 from agents.planner.solve import jit
 from zmav.errors import TimedOut, ZmavError
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 
 ROOT = jit.PACKAGE.parents[1]
 """where the process is started: in another folder Python might find other packages called agents, ours through a link
@@ -55,9 +55,7 @@ class Solver:
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        if self._keeper is not None:
-            self._keeper.cancel()
-            await asyncio.gather(self._keeper, return_exceptions=True)
+        await cancelled(self._keeper)
         if self._job is not None and not self._job.done():
             self._job.set_exception(SolverDied(f"the {self._name} was ended"))
 

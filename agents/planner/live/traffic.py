@@ -57,7 +57,6 @@ class TrafficWatch:
 
 def _from(seen: Seen, position: wire.GlobalPosition, local: Vector) -> tuple[float, Vector, Vector]:
     """m over the ground from a vehicle, and place and velocity in the fleet's frame."""
-    here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=position.alt_amsl)
-    (north, east, down), velocity = seen.ned(here)
+    (north, east, down), velocity = seen.ned(position)
     place = local[0] + north, local[1] + east, local[2] + down
     return math.hypot(north, east), place, velocity

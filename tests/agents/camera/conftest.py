@@ -131,7 +131,7 @@ async def run_camera(net: Net) -> AsyncIterator[Run]:
             session = SessionSettings(connect=[endpoint])
             z = await stack.enter_async_context(zmav.open(settings=session))
             own = CameraSettings(vehicle="quad1", **how)
-            agent = CameraAgent(z, own, source or Painted(), lens, session, say or (lambda line: None))
+            agent = CameraAgent(z, own, source or Painted(), lens, say or (lambda line: None))
             return await stack.enter_async_context(agent)
 
         yield run

@@ -18,17 +18,19 @@ from typing import TYPE_CHECKING, Any
 
 import av
 import pytest
+from click.testing import CliRunner
 
 import zmav
 from agents.camera.settings import CameraSettings
 from agents.camera.streams import Encoded
 from agents.camera.video import VideoAgent
+from agents.camera.video_cli import video
 from tests.cli.conftest import Process
 from tests.waiting import until, wait_until
 from zmav import keys, wire
 from zmav.doctor.facts import AgentReport, Facts
 from zmav.doctor.rules import reasons
-from zmav.errors import BadConfig, BadInput, VehicleError
+from zmav.errors import BadConfig, BadInput, VehicleError, ZmavError
 from zmav.process import free_port
 from zmav.session import SessionSettings
 from zmav.vision.mux import Muxer
@@ -97,7 +99,7 @@ async def run_video(net: Net) -> AsyncIterator[Run]:
             z = await stack.enter_async_context(zmav.open(settings=settings))
             own = CameraSettings(vehicle="quad1", **how)
             agent: VideoAgent = await stack.enter_async_context(
-                VideoAgent(z, own, streams or (Played(),), settings, say or (lambda line: None))
+                VideoAgent(z, own, streams or (Played(),), say or (lambda line: None))
             )
             return agent
 
@@ -266,7 +268,7 @@ async def test_a_camera_without_streams_is_none(net: Net, run_video: Run) -> Non
     _, endpoint = net.router()
     async with reading(endpoint) as z:
         with pytest.raises(BadConfig, match="without a stream"):
-            VideoAgent(z, CameraSettings(vehicle="quad1"), [], SessionSettings(connect=[endpoint]))
+            VideoAgent(z, CameraSettings(vehicle="quad1"), [])
 
 
 class TestCommands:
@@ -315,14 +317,15 @@ class TestCommands:
 
     def test_what_cannot_be_is_said(self, net: Net, start: Start) -> None:
         _, endpoint = net.router()
+        process = start("run", "--vehicle", "quad1", "-e", endpoint)
+        assert process.wait() != 0
+        assert "give a SOURCE, or --file" in " ".join(" ".join(process.err).split())
         for arguments, words in (
-            (("run", "--vehicle", "quad1"), "give a SOURCE, or --file"),
             (("run", "/nowhere.mp4", "--vehicle", "quad1"), "neither a device, a URL nor a file"),
             (("show", "quad1", "--sdp", "x"), "--sdp goes with --to rtp://"),
             (("show", "quad1", "--sdp", "x", "--to", "rtp://127.0.0.1"), "is no rtp://HOST:PORT"),
             (("show", "quad1", "--sdp", "x", "--to", "rtp://127.0.0.1:99999"), "is no rtp://HOST:PORT"),
             (("show", "quad1", "--wait", "0.5"), "quad1 has no video 'down'"),
         ):
-            process = start(*arguments, "-e", endpoint)
-            assert process.wait() != 0
-            assert words in " ".join(" ".join(process.err).split())
+            with pytest.raises(ZmavError, match=words):
+                CliRunner().invoke(video, [*arguments, "-e", endpoint], catch_exceptions=False)

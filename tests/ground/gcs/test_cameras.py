@@ -67,7 +67,7 @@ class Aboard(OwnThread):
                 await self.quad.wait_until(lambda s: s.connected and s.position is not None, PATIENCE_S)
                 own = CameraSettings(vehicle="quad1")
                 source = Painted(width=640, height=480)
-                self.camera = CameraAgent(z, own, source, 1.1, client)
+                self.camera = CameraAgent(z, own, source, 1.1)
                 await stack.enter_async_context(self.camera)
                 self.photos = Photos(z, self.camera, self._folder)
                 await stack.enter_async_context(self.photos)

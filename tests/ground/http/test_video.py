@@ -125,7 +125,7 @@ async def test_who_comes_after_the_reading_has_ended_gets_a_new_reader(served: S
         await second.watch(served)
         await second.see(3)
         await first.peer.close()
-        await asyncio.to_thread(served.until, lambda: not shared.watching, "end of the first")
+        await asyncio.to_thread(served.until, lambda: not shared.looking, "end of the first")
         assert being_read[place] is not shared, "who leaves takes nobody else's"
         await second.see(3)
 

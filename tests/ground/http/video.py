@@ -34,7 +34,7 @@ class RunningVideo:
         own = CameraSettings(vehicle="quad1", budget=self._budget)
         async with (
             zmav.open(fleet=self._fleet, settings=settings) as z,
-            VideoAgent(z, own, [self._stream], settings) as self.agent,
+            VideoAgent(z, own, [self._stream]) as self.agent,
         ):
             self._ready.set()
             await self._stop.wait()

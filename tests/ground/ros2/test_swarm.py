@@ -54,7 +54,8 @@ async def planner(endpoint: str) -> AsyncIterator[None]:
 
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
-    specs = [VehicleSpec(params={"DISARM_DELAY": 0.0}, start_ned_m=(8.0 * n, 0.0, 0.0), sysid=n + 1) for n in range(2)]
+    quick = {"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0}  # cm/s
+    specs = [VehicleSpec(params=quick, start_ned_m=(8.0 * n, 0.0, 0.0), sysid=n + 1) for n in range(2)]
     with Fleet(["quad-1", "quad2"], specs, speed=1.0, may_order=True, beside=planner) as fleet:
         yield fleet
 
@@ -198,9 +199,16 @@ def test_orders_to_all_need_no_planner(fleet: Fleet, client: Client, up: None) -
 def alone(*, may_order: bool) -> Iterator[Client]:
     """One vehicle, and no planner."""
     with contextlib.ExitStack() as stack:
-        fleet = stack.enter_context(Fleet(["quad1"], [VehicleSpec()], speed=4.0, may_order=may_order))
+        fleet = stack.enter_context(Fleet(["quad1"], [VehicleSpec()], speed=1.0, may_order=may_order))
         where = SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])
         yield Client(stack.enter_context(open_session(where)), BASE)
+
+
+@pytest.fixture(scope="module")
+def lone() -> Iterator[Client]:
+    """It takes orders."""
+    with alone(may_order=True) as client:
+        yield client
 
 
 def test_nothing_is_changed_without_orders() -> None:
@@ -216,16 +224,15 @@ def test_nothing_is_changed_without_orders() -> None:
             assert "without --orders" in answer.message
 
 
-def test_where_no_planner_is_in_charge_it_is_said() -> None:
-    with alone(may_order=True) as client:
-        name = os.urandom(16)
-        absent = ask(client, "hold", "SwarmHold", vehicles=["quad1"])
-        assert not absent.success
-        assert "no planner is in charge of fleet demo: start one" in absent.message
-        assert client.send("hold", "SwarmHold", name, vehicles=["quad1"])
-        status, result = client.result("hold", "SwarmHold", name)
-        assert (status, result.message) == (ABORTED, absent.message)
-        assert together(client, "hold_all").success, "that needs none"
+def test_where_no_planner_is_in_charge_it_is_said(lone: Client) -> None:
+    name = os.urandom(16)
+    absent = ask(lone, "hold", "SwarmHold", vehicles=["quad1"])
+    assert not absent.success
+    assert "no planner is in charge of fleet demo: start one" in absent.message
+    assert lone.send("hold", "SwarmHold", name, vehicles=["quad1"])
+    status, result = lone.result("hold", "SwarmHold", name)
+    assert (status, result.message) == (ABORTED, absent.message)
+    assert together(lone, "hold_all").success, "that needs none"
 
 
 class Chief:
@@ -261,29 +268,29 @@ class Chief:
         self._queryable.undeclare()
 
 
-def test_a_planner_that_falls_silent_or_forgets_a_goal_aborts_it() -> None:
-    with alone(may_order=True) as client, contextlib.closing(Chief(client.session)) as chief:
+def test_a_planner_that_falls_silent_or_forgets_a_goal_aborts_it(lone: Client) -> None:
+    with contextlib.closing(Chief(lone.session)) as chief:
         silent, forgotten = os.urandom(16), os.urandom(16)
-        assert client.send("hold", "SwarmHold", silent, vehicles=["quad1"])
-        status, result = client.result("hold", "SwarmHold", silent)
+        assert lone.send("hold", "SwarmHold", silent, vehicles=["quad1"])
+        status, result = lone.result("hold", "SwarmHold", silent)
         assert (status, result.success) == (ABORTED, False)
         assert "the planner is silent of g1-1, which was flying" in result.message
-        assert client.send("hold", "SwarmHold", forgotten, vehicles=["quad1"])
+        assert lone.send("hold", "SwarmHold", forgotten, vehicles=["quad1"])
         given = threading.Timer(1.0, chief.say)
         given.start()
-        status, result = client.result("hold", "SwarmHold", forgotten)
+        status, result = lone.result("hold", "SwarmHold", forgotten)
         assert status == ABORTED
         assert "is in the book of fake no longer" in result.message
         given.join()
 
 
-def test_a_goal_whose_answer_is_lost_is_not_said_to_be_cancelled() -> None:
+def test_a_goal_whose_answer_is_lost_is_not_said_to_be_cancelled(lone: Client) -> None:
     """The planner may have it, and fly it."""
-    with alone(may_order=True) as client, contextlib.closing(Chief(client.session)) as chief:
+    with contextlib.closing(Chief(lone.session)) as chief:
         name, chief.mute = os.urandom(16), True
-        assert client.send("hold", "SwarmHold", name, vehicles=["quad1"])
-        assert not client.cancel("hold", name).goals_canceling
-        _, result = client.result("hold", "SwarmHold", name)
+        assert lone.send("hold", "SwarmHold", name, vehicles=["quad1"])
+        assert not lone.cancel("hold", name).goals_canceling
+        _, result = lone.result("hold", "SwarmHold", name)
         assert not result.success
         assert "it may have taken the goal all the same" in result.message
 

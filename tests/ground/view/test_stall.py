@@ -10,11 +10,12 @@ import socket
 import sys
 import time
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import zenoh
 
 from ground.view.cli import sinks_of
 from ground.view.screen import LOST, PainterSettings, Screen, Sink
@@ -112,22 +113,23 @@ async def _fed(kept: Table, state: wire.VehicleState, serving: asyncio.Task[int]
     return serving.result()
 
 
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-async def test_the_program_records_the_fleet_until_it_is_ended(
-    net: Net, tmp_path: Path, state: Callable[..., wire.VehicleState], read: Read, number: signal.Signals
-) -> None:
-    session, endpoint = net.router()
-    path, key = tmp_path / "a.rrd", keys.STATE.key(*Q1)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "zmav", "view", "--save", str(path), "-e", endpoint, stderr=asyncio.subprocess.PIPE
-    )
+async def _started(endpoint: str, *options: str, lines: int) -> tuple[asyncio.subprocess.Process, list[str]]:
+    """``zmav view``, and the first lines that it says."""
+    command = (sys.executable, "-m", "zmav", "view", "-e", endpoint, *options)
+    process = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
     assert process.stderr is not None
-    try:
-        said = await within(PATIENCE_S, process.stderr.readline())
-        assert b"recording to" in said
+    return process, [(await within(PATIENCE_S, process.stderr.readline())).decode() for _ in range(lines)]
+
+
+@pytest.fixture
+def drawn(
+    net: Net, tmp_path: Path, state: Callable[..., wire.VehicleState], read: Read
+) -> Callable[[zenoh.Session, Path], Coroutine[Any, Any, None]]:
+    """Waits until quad1, whose state is put again and again, is in a file."""
+
+    async def wait(session: zenoh.Session, path: Path) -> None:
+        key = keys.STATE.key(*Q1)
         await net.linked(session, key)
-        (painter,) = children(process.pid)
 
         def grown() -> bool:
             session.put(key, wire.encode(state(local=(7.0, 8.0, -9.0), t=time.time())))
@@ -137,9 +139,22 @@ async def test_the_program_records_the_fleet_until_it_is_ended(
                 return False
 
         await until(grown, "nothing was drawn")
-        process.send_signal(number)
-        code = await within(PATIENCE_S, process.wait())
-        assert code == (0 if number == signal.SIGTERM else -signal.SIGKILL)
+
+    return wait
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+async def test_the_program_records_the_fleet_until_it_is_killed(
+    net: Net, tmp_path: Path, read: Read, drawn: Callable[[zenoh.Session, Path], Coroutine[Any, Any, None]]
+) -> None:
+    (session, endpoint), path = net.router(), tmp_path / "a.rrd"
+    process, (said,) = await _started(endpoint, "--save", str(path), lines=1)
+    try:
+        assert "recording to" in said
+        (painter,) = children(process.pid)
+        await drawn(session, path)
+        process.kill()
+        assert await within(PATIENCE_S, process.wait()) == -signal.SIGKILL
         await until(lambda: not alive(painter), "its painter lives on")
     finally:
         if process.returncode is None:
@@ -147,33 +162,25 @@ async def test_the_program_records_the_fleet_until_it_is_ended(
     assert set(north_of(read(path))) == {7.0}
 
 
-async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) -> None:
-    _, endpoint = net.router()
-    port = free_port()
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "zmav",
-        "view",
-        "--web",
-        "--port",
-        str(port),
-        "-e",
-        endpoint,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    assert process.stderr is not None
+async def test_it_ends_when_it_is_asked_to_also_with_a_viewer_that_is_stopped(
+    net: Net, tmp_path: Path, read: Read, drawn: Callable[[zenoh.Session, Path], Coroutine[Any, Any, None]]
+) -> None:
+    """A page and a file at a time."""
+    (session, endpoint), port, path = net.router(), free_port(), tmp_path / "a.rrd"
+    options = ("--web", "--port", str(port), "--save", str(path))
+    process, (recording, opened) = await _started(endpoint, *options, lines=2)
     try:
-        said = (await within(PATIENCE_S, process.stderr.readline())).decode()
-        assert said.startswith("open http://127.0.0.1:"), said
-        page, policy = await asyncio.to_thread(_fetched, said.split()[1])
+        assert "recording to" in recording
+        assert opened.startswith("open http://127.0.0.1:"), opened
+        page, policy = await asyncio.to_thread(_fetched, opened.split()[1])
         assert b"<html" in page.lower()
         assert policy == f"connect-src 'self' http://127.0.0.1:{port + 1} data: blob:", "it sends statistics elsewhere"
         program, policy = await asyncio.to_thread(_fetched, f"http://127.0.0.1:{port}/re_viewer_bg.wasm")
         assert program.startswith((b"\0asm", b"\x1f\x8b"))
         family = children(process.pid)
-        assert len(family) == 2, "the painter and the viewer's server"
+        assert len(family) == 3, "a painter of the file, one of the page, and the viewer's server"
         assert not _beyond_loopback(family[-1])
+        await drawn(session, path)
         os.kill(family[-1], signal.SIGSTOP)
         process.terminate()
         assert await within(PATIENCE_S, process.wait()) == 0
@@ -181,6 +188,7 @@ async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) 
     finally:
         if process.returncode is None:
             process.kill()
+    assert set(north_of(read(path))) == {7.0}
 
 
 def _fetched(url: str) -> tuple[bytes, str]:

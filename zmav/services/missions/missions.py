@@ -33,7 +33,7 @@ from zmav.services.missions.transfer import Download, Step, Transfer, TransferTi
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 from zmav.services.queries.questions import Reply
-from zmav.waiting import within
+from zmav.waiting import cancelled, within
 from zmav.wire import MissionKind
 
 QUERY_WAIT = 1.5
@@ -117,9 +117,7 @@ class Missions:
     async def close(self) -> None:
         self._heard.close()
         tasks = [*self._tasks, *(reading.task for reading in self._readings.values())]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await cancelled(*tasks)
 
     # Orders.
 
