@@ -19,7 +19,7 @@ from zmav import keys, wire
 from zmav.cli.common import Between, Finite, dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut
 from zmav.session import SessionSettings
-from zmav.waiting import within
+from zmav.waiting import alongside, within
 
 TOPIC = "signals"
 BEFORE = 1.0
@@ -101,17 +101,13 @@ async def respond(
             text = f"{agent} runs for {vehicle} and streams no signals: engage it, 'zmav agent do {agent} engage'"
             raise TimedOut(text, vehicle=vehicle, agent=agent)
         arguments = {name: value for name, value in msgspec.structs.asdict(args).items() if name not in OWN}
-        order = asyncio.create_task(target.tell(agent, "inject", **arguments))
-        try:
+        async with alongside(target.tell(agent, "inject", **arguments)) as (order,):
             over = partial(_over, heard, heard[-1].t, duration(args) + after, order)
             if not await _hear(signals, heard, over, silent):
                 over()  # raises what it was refused with
                 text = "its signals ended before all was injected: it was released, or its link is gone"
                 raise TimedOut(text, heard=len(heard))
             await asyncio.wait({order}, timeout=silent)
-        finally:
-            order.cancel()
-            await asyncio.gather(order, return_exceptions=True)
         slow, bad = signals.dropped, signals.bad
     report = _examined(args, heard, f"{vehicle}/{agent}")
     if slow:
