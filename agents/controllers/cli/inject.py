@@ -16,9 +16,8 @@ import zmav
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
 from agents.controllers.response import ResponseReport, examine, picture
 from zmav import keys, wire
-from zmav.cli.common import Between, Finite, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Between, Finite, Work, connected, json_option, tell
 from zmav.errors import BadInput, TimedOut
-from zmav.session import SessionSettings
 from zmav.waiting import alongside, within
 
 TOPIC = "signals"
@@ -50,9 +49,8 @@ SECONDS = {"step": 5.0, "doublet": 1.0}
     metavar="FILE.png",
     help="Draw it: png, svg or pdf.",
 )
-@fleet_option
 @json_option
-@zenoh_options
+@connected
 def inject(
     agent: str,
     kind: str,
@@ -62,10 +60,8 @@ def inject(
     after: float,
     vehicle: str,
     output: Path | None,
-    fleet: str,
     as_json: bool,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Add a signal to a controller's reference, and report how it follows.
 
     'zmav agent inject mine step --channel z --amplitude -1 --vehicle hex1 -o response.png'.
@@ -74,14 +70,13 @@ def inject(
     lasts = SECONDS[kind] if seconds is None else seconds
     args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts)  # type: ignore[arg-type]
 
-    async def tell() -> None:
-        async with zmav.open(fleet=fleet, settings=settings) as z:
-            report = await respond(z, vehicle, agent, args, after)
-        click.echo(dump(report.numbers(), pretty=False) if as_json else report.text())
+    async def act(z: zmav.Client) -> None:
+        report = await respond(z, vehicle, agent, args, after)
+        tell(as_json, report.numbers(), report.text())
         if output is not None:
             picture(report, output)
 
-    run(tell())
+    return act
 
 
 async def respond(
