@@ -345,6 +345,13 @@ def test_a_frame_of_another_dialect_is_read_with_it(vehicle: Vehicle) -> None:
 # echo of what nobody publishes
 
 
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is silent is looked into soon."""
+    monkeypatch.setattr("zmav.cli.echo.SILENT_S", 0.5)
+
+
+@pytest.mark.usefixtures("impatient")
 def test_echo_of_nobody_says_who_is_there(vehicle: Vehicle) -> None:
     for key in ("quad9", "quad9/ATTITUDE", "x*/event"):
         error = vehicle.zmav.fails("echo", key).error
@@ -352,6 +359,7 @@ def test_echo_of_nobody_says_who_is_there(vehicle: Vehicle) -> None:
         assert "present: quad1" in str(error)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_echo_of_a_message_that_there_is_not_says_which_there_are(vehicle: Vehicle) -> None:
     for key in ("quad1/ATITUDE", "quad*/ATITUDE"):
         error = vehicle.zmav.fails("echo", key).error
