@@ -36,7 +36,7 @@ from zmav.services.queries.questions import Questions
 from zmav.services.status.answers import HostService
 from zmav.session import SessionSettings, another, open_in_thread
 from zmav.trust.gate import anybody
-from zmav.waiting import in_thread
+from zmav.waiting import alongside, in_thread
 
 
 @contextlib.asynccontextmanager
@@ -160,13 +160,10 @@ class Router:
         """Return, with the reason in words, when the router should be opened again with a new plan."""
         if not self._watches:
             await asyncio.Event().wait()
-        tasks = [asyncio.ensure_future(watch.outdated()) for watch in self._watches]
-        try:
+        async with alongside(*(watch.outdated() for watch in self._watches)) as tasks:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            return next(iter(done)).result()
-        finally:
-            for task in tasks:
-                task.cancel()
+            why: str = next(iter(done)).result()
+            return why
 
     async def __aenter__(self) -> Router:
         if self.plan.value("listen/timeout_ms") == -1:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 
 from mesh.plan import RouterPlan
@@ -11,6 +10,7 @@ from mesh.router import Router
 from zmav import systemd
 from zmav.errors import ZmavError
 from zmav.process import log, until_stopped
+from zmav.waiting import alongside
 
 
 async def until_outdated(
@@ -22,11 +22,7 @@ async def until_outdated(
     as the process will when it starts again: where that raises :class:`ZmavError` (a fleet file that was changed, a
     certificate that expired since), it goes on as it is and looks again after ``pace`` seconds. Run in the main thread.
     """
-    stopped, outdated = (
-        asyncio.ensure_future(until_stopped()),
-        asyncio.ensure_future(_outdated(router, plan, idle, pace)),
-    )
-    try:
+    async with alongside(until_stopped(), _outdated(router, plan, idle, pace)) as (stopped, outdated):
         await asyncio.sleep(0)  # the tasks begin
         log(line)
         systemd.notify("READY=1", f"STATUS={line}")
@@ -35,13 +31,9 @@ async def until_outdated(
         if stopped.done():
             systemd.notify("STOPPING=1")
             return None
-        systemd.notify(f"STATUS=starting again: {outdated.result()}")
-        return outdated.result()
-    finally:
-        for task in (stopped, outdated):
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+        why: str = outdated.result()
+        systemd.notify(f"STATUS=starting again: {why}")
+        return why
 
 
 async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[], bool], pace: float) -> str:

@@ -21,7 +21,7 @@ import zenoh
 
 from mesh.plan import RouterPlan
 from mesh.radios import FoundRadio
-from zmav.waiting import cancelled
+from zmav.waiting import alongside
 
 CALL = bytes((0x01, 0x09, 0x01))
 """as it travels: a Scout, of Zenoh's protocol 9, for routers"""
@@ -100,11 +100,10 @@ async def call_oftener(session: zenoh.Session, plan: RouterPlan) -> AsyncIterato
             calls.lost(time.monotonic())
 
     listener = session.info.declare_transport_events_listener(on_transport)
-    task = asyncio.get_running_loop().create_task(_run(calls))
     try:
-        yield calls
+        async with alongside(_run(calls)):
+            yield calls
     finally:
-        await cancelled(task)
         with contextlib.suppress(zenoh.ZError):  # the session may be closed
             listener.undeclare()
         calls.close()

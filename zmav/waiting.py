@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -51,9 +52,18 @@ async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:
     """Run them side by side. When one fails or we are cancelled, the others are cancelled and have ended before that is
     raised: nothing goes on behind the back of who cleans up.
     """
+    async with alongside(*coroutines) as tasks:
+        await asyncio.gather(*tasks)
+
+
+@contextlib.asynccontextmanager
+async def alongside(*coroutines: Coroutine[Any, Any, Any]) -> AsyncIterator[list[asyncio.Task[Any]]]:
+    """Run them beside the block. At its end they are cancelled, and have ended before it is left. How one of them
+    ended, only who looks at its task learns.
+    """
     tasks = [asyncio.ensure_future(each) for each in coroutines]
     try:
-        await asyncio.gather(*tasks)
+        yield tasks
     finally:
         await cancelled(*tasks)
 

@@ -7,9 +7,9 @@ import contextlib
 import fnmatch
 import importlib.util
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rich.console import Console
 
@@ -21,7 +21,7 @@ from zmav import keys, wire
 from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut, ZmavError
 from zmav.subscription import document
-from zmav.waiting import cancelled
+from zmav.waiting import alongside
 
 LOOK = 0.1
 """s between two looks at whether a step is over"""
@@ -52,15 +52,12 @@ class Play:
             z = await connect_once_up(stack, self.demo.fleet.fleet, self.stage.ground, self.processes.check)
             self._record()
             self.watch = Watch(z, tuple(self.demo.vehicles))
-            watching = asyncio.create_task(self.watch.run())
-            try:
+            async with alongside(self.watch.run()):
                 with self.truth.watching(self.stage.control):
                     await self._ready(z)
                     for step in self.demo.story.steps:
                         await self._step(z, step)
                         self._gone()
-            finally:
-                await cancelled(watching)
             self.processes.end(RECORDER, 20.0)
 
     def _record(self) -> None:
@@ -88,16 +85,13 @@ class Play:
             await self._watched(until)
         self._mark("ready")
 
-    async def _watched(self, waiting: Awaitable[object]) -> None:
+    async def _watched(self, waiting: Coroutine[Any, Any, object]) -> None:
         """Wait, but not for processes that are gone."""
-        task = asyncio.ensure_future(waiting)
-        try:
+        async with alongside(waiting) as (task,):
             while not task.done():
                 self.processes.check()
                 await asyncio.wait({task}, timeout=LOOK)
             await task
-        finally:
-            await cancelled(task)
 
     # ---- the steps
 
@@ -204,12 +198,8 @@ class Play:
             return [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]
 
         key = keys.AGENT_STATUS.key(z.fleet_name, "*", agent=wait.agent or "none")
-        async with z.subscribe(key, document(wire.AgentStatus)) as statuses:
-            reading = asyncio.create_task(hear())
-            try:
-                await self._until(lambda: not missing(), within, lambda: _late(wait, missing(), within))
-            finally:
-                await cancelled(reading)
+        async with z.subscribe(key, document(wire.AgentStatus)) as statuses, alongside(hear()):
+            await self._until(lambda: not missing(), within, lambda: _late(wait, missing(), within))
         self._mark(_words_of(wait, names))
 
     # ---- what is said

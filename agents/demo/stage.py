@@ -11,6 +11,7 @@ from pathlib import Path
 
 from agents.demo.story import GROUND, Demo, Pair
 from zmav.children import Children, simulator_once_up
+from zmav.cli.sim.up import is_open
 from zmav.process import free_port
 from zmav.session import CONNECT
 
@@ -70,13 +71,8 @@ class DemoFleet:
 
     async def _listens(self, endpoint: str) -> None:
         """Wait until a router does; raises what :meth:`Children.check` does."""
-        host, _, port = endpoint.partition("/")[2].rpartition(":")
-        while True:
+        while not await asyncio.to_thread(is_open, endpoint):
             self.processes.check()
-            with contextlib.suppress(OSError):
-                _, writer = await asyncio.open_connection(host, int(port))
-                writer.close()
-                return
             await asyncio.sleep(LOOK)
 
     def environment(self, on: str) -> dict[str, str]:

@@ -22,7 +22,7 @@ from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
 from zmav.subscription import document
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
-from zmav.waiting import cancelled, together
+from zmav.waiting import alongside, together
 
 TICK = 0.05
 """s between two setpoints"""
@@ -173,11 +173,8 @@ class Follower(FlyingAgent):
                 started.set_result(None)
                 await self._take_off(guide, lost)
                 self._here = Here(time.monotonic())
-                hearing = asyncio.create_task(together(self._see(guide), self._places(guide)))
-                try:
+                async with alongside(together(self._see(guide), self._places(guide))) as (hearing,):
                     await self._follow(guide, lease, lost, hearing)
-                finally:
-                    await cancelled(hearing)
         finally:
             if self.guide is guide:
                 self.guide, self.target = None, ""
@@ -193,18 +190,15 @@ class Follower(FlyingAgent):
 
     async def _unless(self, otherwise: Callable[[], bool], order: Coroutine[Any, Any, None]) -> bool:
         """Whether the vehicle did it; it holds instead where it is told ``otherwise`` meanwhile."""
-        doing = asyncio.create_task(order)
-        try:
+        async with alongside(order) as (doing,):
             while not (await asyncio.wait({doing}, timeout=0.1))[0]:
                 if otherwise():
-                    doing.cancel()  # before it holds: an order whose answer does not come is sent again
-                    await asyncio.gather(doing, return_exceptions=True)
-                    await self.vehicle.hold()
-                    return False
-            doing.result()
-            return True
-        finally:
-            await cancelled(doing)
+                    break
+            else:
+                doing.result()
+                return True
+        await self.vehicle.hold()  # once that has ended: an order whose answer does not come is sent again
+        return False
 
     async def _see(self, guide: Guide) -> None:
         """Whatever is found in the vehicle's own pictures, wherever they are looked at."""

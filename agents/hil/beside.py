@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 
 import zmav
-from agents.hil.report import Check, Report, Stage, hash_of, keep, line
+from agents.hil.report import Check, Report, Stage, hash_of, keep
 from zmav.children import Children, connect_once_up
 from zmav.config import FleetConfig
 from zmav.doctor.link import examine_device
@@ -54,8 +54,8 @@ def begun(stage: Stage, file: FleetConfig, name: str, flown_by: str) -> Report:
 
 def tell(check: Check) -> None:
     """A line on standard output, as it is found."""
-    mark, rest = line(check)[:8], line(check)[8:]
-    click.echo(click.style(mark, fg=COLOURS[check.status], bold=check.status == "BAD") + rest)
+    mark = click.style(f"{check.status:<8}", fg=COLOURS[check.status], bold=check.status == "BAD")
+    click.echo(f"{mark} {check.name}: {check.found}")
 
 
 @contextlib.contextmanager

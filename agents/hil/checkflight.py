@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable
+from collections.abc import Coroutine
+from typing import Any
 
 from agents.hil.flight import PACE, Flight, LeftOut, kind_of
 from agents.hil.report import Identity
@@ -13,7 +14,7 @@ from zmav.autopilots import Command
 from zmav.doctor.ways import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
 from zmav.vehicle.params import values
-from zmav.waiting import cancelled
+from zmav.waiting import alongside
 
 FOUND_S = 60.0
 SILENT_S = 3.0
@@ -47,23 +48,21 @@ class CheckFlight(Flight):
             self.station = int(self.report.params.get(name) or self.station)
         self.say("parameters", f"{table.count} read in {time.monotonic() - began:.1f} s")
 
-    async def fly(self, *guards: Awaitable[None]) -> None:
+    async def fly(self, *guards: Coroutine[Any, Any, None]) -> None:
         """All checks of its kind, while none of the ``guards`` raises; ends with the vehicle disarmed, however it ends.
 
         The report says how it went. :meth:`meet` comes before.
         """
         if self.hurry is not None:
             self.hurry(PACE)
-        flight = asyncio.ensure_future(self._fly())
-        tasks = [flight, *map(asyncio.ensure_future, (self._heard(), self.children.watch(), *guards))]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
+            async with alongside(self._fly(), self._heard(), self.children.watch(), *guards) as tasks:
+                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+                for task in done:
+                    task.result()
         except ZmavError as e:
             self.say("flight", f"ended: {e.message}", "BAD")
         finally:
-            await cancelled(*tasks)
             await asyncio.shield(self._make_safe())
 
     async def _fly(self) -> None:

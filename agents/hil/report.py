@@ -56,11 +56,6 @@ class Report(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     passed: bool = False
 
 
-def line(check: Check) -> str:
-    """As it is said on the terminal."""
-    return f"{check.status:<8} {check.name}: {check.found}"
-
-
 def hash_of(file: FleetConfig, name: str) -> str:
     """SHA-256 (hexadecimal) of what the fleet file says of how that vehicle is flown: its own table with the fleet's
     filled in, fleet, name, origin and separation. Links, network and simulation may differ from stage to stage.

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
+import msgspec
 
 from agents.hil.beside import begun, beside, closing, tell
 from agents.hil.checkflight import CheckFlight
 from zmav.children import Children, simulator_once_up
 from zmav.config import FleetConfig, load_fleet
-from zmav.config.table import toml_value
+from zmav.config.table import toml_document
 from zmav.errors import BadConfig
 
 
@@ -49,12 +50,7 @@ def alone(file: FleetConfig, name: str) -> str:
         raise BadConfig(text, field=f"vehicles.{name}.signing", expected="a vehicle without signing for SIL")
     given = {key: value for key, value in (table.sim or {}).items() if key != "endpoints"}
     world = {key: value for key, value in file.sim.items() if key not in ("speed", "lockstep", "scene")}
-    lines = [f"origin = {toml_value(file.origin)}"] if file.origin else []
-    lines += [
-        f"sim = {toml_value(world)}",
-        f"[vehicles.{name}]",
-        'link = "tcp:127.0.0.1:5760"',
-        f"sim = {toml_value(given)}",
-    ]
-    lines += [f"sysid = {table.sysid}"] if table.sysid is not None else []
-    return "\n".join(lines) + "\n"
+    origin = {"origin": msgspec.to_builtins(file.origin)} if file.origin else {}
+    sysid = {"sysid": table.sysid} if table.sysid is not None else {}
+    vehicle = {"link": "tcp:127.0.0.1:5760", "sim": given, **sysid}
+    return toml_document({**origin, "sim": world, "vehicles": {name: vehicle}})

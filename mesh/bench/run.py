@@ -20,7 +20,7 @@ from mesh.bench.statistics import SECOND, Samples, Tally
 from zmav import keys
 from zmav.errors import BadInput
 from zmav.session import reason
-from zmav.waiting import on_loop, within
+from zmav.waiting import alongside, on_loop, within
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchState
 
 HEAD = struct.Struct("<IIq")
@@ -192,23 +192,18 @@ class Run:
 
     async def go(self) -> None:
         """Until done, stopped, or forgotten by who asked for it."""
-        watch = asyncio.ensure_future(self._watch())
-        work = asyncio.ensure_future(
-            {"send": self._send, "receive": self._receive, "query": self._query}[self.order.role]()
-        )
-        try:
-            await asyncio.wait({watch, work}, return_when=asyncio.FIRST_COMPLETED)
-            if work.done() and (error := work.exception()) is not None:
-                self._finish("failed", reason(error) if isinstance(error, zenoh.ZError) else repr(error))
-            elif work.done():
-                self._finish("done")
-            else:
-                self._finish("stopped", watch.result())
-        finally:
-            self._finish("stopped", "the host's router ended")
-            for task in (watch, work):
-                task.cancel()
-            await asyncio.gather(watch, work, return_exceptions=True)
+        role = {"send": self._send, "receive": self._receive, "query": self._query}[self.order.role]
+        async with alongside(self._watch(), role()) as (watch, work):
+            try:
+                await asyncio.wait({watch, work}, return_when=asyncio.FIRST_COMPLETED)
+                if work.done() and (error := work.exception()) is not None:
+                    self._finish("failed", reason(error) if isinstance(error, zenoh.ZError) else repr(error))
+                elif work.done():
+                    self._finish("done")
+                else:
+                    self._finish("stopped", watch.result())
+            finally:
+                self._finish("stopped", "the host's router ended")
 
     def _finish(self, state: BenchState, why: str = "") -> None:
         if self._ended is None:

@@ -18,7 +18,7 @@ from zmav.client import Client
 from zmav.config.mesh import bits_per_second
 from zmav.errors import BadInput
 from zmav.process import until_stopped
-from zmav.waiting import cancelled
+from zmav.waiting import alongside
 from zmav.wire.bench import BenchInterval, BenchOutage, BenchTrip
 
 HEAD = f"{'interval':>14} {'transfer':>11} {'bandwidth':>14} {'jitter':>10} {'lost/total':>16} {'':>8} {'delay':>10}"
@@ -137,16 +137,13 @@ def command(a: str, b: str, kind: str | None, as_json: bool, **given: Any) -> Wo
 
 async def measure(z: Client, a: str, b: str, kind: str, stream: Stream, as_json: bool = False) -> None:
     bench, until = Bench(z), asyncio.Event()  # set by the first Ctrl-C: hosts are told, and what they saw is shown
-    stopped = asyncio.ensure_future(until_stopped())
-    stopped.add_done_callback(lambda _: until.set())
-    try:
+    async with alongside(until_stopped()) as (stopped,):
+        stopped.add_done_callback(lambda _: until.set())
         first, second = (pong.host for pong in await bench.pair(a, b))
         if kind == "rtt":
             await _rtt(bench, first, second, stream, until, as_json)
         else:
             await _stream(bench, first, second, stream, until, as_json, recover=kind == "recover")
-    finally:
-        await cancelled(stopped)
 
 
 def wanted(

@@ -24,7 +24,7 @@ from mesh.lab.status import tables
 from zmav.cli.common import assignments, console, dump, json_option, run
 from zmav.errors import BadInput
 from zmav.process import until_stopped
-from zmav.waiting import cancelled
+from zmav.waiting import alongside
 
 
 @click.group("lab")
@@ -49,28 +49,20 @@ def up(file: str, bare: bool) -> None:
 
 
 async def _up(made: Lab) -> None:
-    stopped = asyncio.ensure_future(until_stopped())  # heard from the first moment on
-    try:
+    async with alongside(until_stopped()) as (stopped,):  # heard from the first moment on
         async with made, Control(made) as control:
             begun, hosts, links = time.monotonic(), len(made.hosts), len(made.network.wiring.edges)
             click.echo(f"lab {made.scenario.name}: {hosts} hosts, {links} links; files in {made.directory}")
-            ready, asked = asyncio.ensure_future(made.ready()), asyncio.ensure_future(control.down.wait())
-            assert made.failed is not None
-            over: set[asyncio.Future[Any]] = {stopped, asked, made.failed}
-            try:
+            async with alongside(made.ready(), control.down.wait()) as (ready, asked):
+                assert made.failed is not None
+                over: set[asyncio.Future[Any]] = {stopped, asked, made.failed}
                 await asyncio.wait({*over, ready}, return_when=asyncio.FIRST_COMPLETED)
                 if ready.done():
                     ready.result()
                     click.echo(f"up in {time.monotonic() - begun:.1f} s")
                     await asyncio.wait(over, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for task in (ready, asked):
-                    task.cancel()
-                await asyncio.gather(ready, asked, return_exceptions=True)
         if made.failed.done():
             raise LabError(made.failed.result())
-    finally:
-        await cancelled(stopped)
 
 
 @lab.command("status")

@@ -10,7 +10,7 @@ from mesh.lab.network import Network
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
 from zmav.config import FleetConfig, load_fleet
-from zmav.config.table import toml_value
+from zmav.config.table import toml_document
 from zmav.errors import BadConfig
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
@@ -42,7 +42,7 @@ def write_fleet(network: Network, directory: Path) -> FleetConfig:
         vehicles[name] = _merged(table, _table(vehicles, name, "vehicles."))
     whole["vehicles"], whole["stations"] = vehicles, stations
     path = directory / "fleet.toml"
-    path.write_text(toml(whole), encoding="utf-8")
+    path.write_text(toml_document(whole), encoding="utf-8")
     return load_fleet(path)
 
 
@@ -95,14 +95,3 @@ def _merged(ours: dict[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
         mine = found.get(key)
         found[key] = _merged(mine, value) if isinstance(mine, dict) and isinstance(value, Mapping) else value
     return found
-
-
-def toml(tables: Mapping[str, Any]) -> str:
-    """A document of TOML: each value on a line of its own, tables in tables within braces."""
-    lines = []
-    for key, value in tables.items():
-        if isinstance(value, Mapping):
-            lines += [f"{toml_value(key)}.{toml_value(name)} = {toml_value(inner)}" for name, inner in value.items()]
-        else:
-            lines.append(f"{toml_value(key)} = {toml_value(value)}")
-    return "\n".join(lines) + "\n"

@@ -160,13 +160,13 @@ class Network:
             raise BadConfig(f"no host {host!r} in the lab; it has {known}", field="host", value=host, expected=known)
         return Path(f"/proc/{self.pid}/fd/{self._begun.networks[self.wiring.hosts.index(host)]}")
 
-    def address(self, host: str, medium: str | None = None) -> str:
-        """The host's address on that medium, or its first."""
+    def address(self, host: str) -> str:
+        """The host's first address."""
         self.namespace(host)
-        found = [i for i in self.wiring.interfaces if i.host == host and medium in (None, i.medium)]
-        if not found:
-            raise BadConfig(f"{host} is not on {medium!r}", field="medium", value=medium, expected="one it is on")
-        return found[0].address
+        found = next((each.address for each in self.wiring.interfaces if each.host == host), None)
+        if found is None:
+            raise BadConfig(f"{host} is on no medium", field="host", value=host, expected="a host on one")
+        return found
 
     @contextlib.contextmanager
     def inside(self, host: str) -> Iterator[None]:

@@ -228,18 +228,20 @@ def test_bad_zenoh_flags_are_named(here: type[Here], flags: tuple[str, ...], wor
     assert words in str(error)
 
 
-@pytest.mark.parametrize("verb", ["ls", "echo"])
-def test_without_a_router_it_is_said_what_to_do(start: StartProcess, verb: str) -> None:
-    process = start(verb, *(["quad1"] if verb == "echo" else []), "-e", "tcp/127.0.0.1:1")
+def test_without_a_router_it_is_said_what_to_do(start: StartProcess, here: type[Here]) -> None:
+    words = "no Zenoh router answers at tcp/127.0.0.1:1. Start one ('zmav up'"
+    process = start("ls", "-e", "tcp/127.0.0.1:1")
     assert process.wait() == 1
     assert process.stdout == ""
-    assert process.stderr.startswith("zmav: no Zenoh router answers at tcp/127.0.0.1:1. Start one ('zmav up'")
+    assert process.stderr.startswith(f"zmav: {words}")
     assert len(process.err) == 1
+    told = here("-e", "tcp/127.0.0.1:1").fails("echo", "quad1")
+    assert str(told.error).startswith(words)
+    assert told.out == ""
 
 
-@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["do", "quad1", "fly"]], ids=" ".join)
-def test_wrong_usage_ends_with_2(start: StartProcess, arguments: list[str]) -> None:
-    process = start(*arguments)
+def test_wrong_usage_ends_with_2(start: StartProcess) -> None:
+    process = start()
     assert process.wait() == 2
     assert "Usage: " in process.stderr
     assert "Traceback" not in process.stderr
@@ -248,6 +250,8 @@ def test_wrong_usage_ends_with_2(start: StartProcess, arguments: list[str]) -> N
 @pytest.mark.parametrize(
     "arguments",
     [
+        ["nonsense"],
+        ["do", "quad1", "fly"],
         ["echo"],
         ["echo", "quad1", "-n", "0"],
         ["hz", "quad1", "--for", "0"],
@@ -341,6 +345,13 @@ def test_a_frame_of_another_dialect_is_read_with_it(vehicle: Vehicle) -> None:
 # echo of what nobody publishes
 
 
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is silent is looked into soon."""
+    monkeypatch.setattr("zmav.cli.echo.SILENT_S", 0.5)
+
+
+@pytest.mark.usefixtures("impatient")
 def test_echo_of_nobody_says_who_is_there(vehicle: Vehicle) -> None:
     for key in ("quad9", "quad9/ATTITUDE", "x*/event"):
         error = vehicle.zmav.fails("echo", key).error
@@ -348,6 +359,7 @@ def test_echo_of_nobody_says_who_is_there(vehicle: Vehicle) -> None:
         assert "present: quad1" in str(error)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_echo_of_a_message_that_there_is_not_says_which_there_are(vehicle: Vehicle) -> None:
     for key in ("quad1/ATITUDE", "quad*/ATITUDE"):
         error = vehicle.zmav.fails("echo", key).error

@@ -23,10 +23,10 @@ import pytest
 from click.testing import CliRunner
 
 from mesh.cli.config import command as show_config
-from mesh.lab.fleetfile import toml
 from tests.deploy.compose import CONTAINERS, FILES, addresses, load, network_of, option, ours, plain
 from zmav.cli import zmav
 from zmav.config import load_fleet
+from zmav.config.table import toml_document
 from zmav.process import free_port
 
 if sys.version_info >= (3, 11):
@@ -280,7 +280,7 @@ class Boxes:
         for host, port in self.port.items():
             kind = "stations" if host == "ground" else "vehicles"
             table[kind][host]["listen"] = [f"tcp/127.0.0.1:{port}"]
-        self.fleet.write_text(toml(table), encoding="utf-8")
+        self.fleet.write_text(toml_document(table), encoding="utf-8")
 
     def environment(self, service: str) -> dict[str, str]:
         """What Docker would set, and where the router is that loopback would lead to."""

@@ -45,7 +45,7 @@ from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.subscription import document
-from zmav.waiting import within
+from zmav.waiting import alongside, within
 
 GROUP, CONTROLLERS = "zmav.agents", "zmav.controllers"
 """entry points: agents by name, and controllers that an agent runs"""
@@ -194,14 +194,11 @@ async def _live(
             say(line)
             agent.bus.on(Alive, lambda told: systemd.notify("WATCHDOG=1"))
             systemd.notify("READY=1", f"STATUS={line}")
-            working, stopped = asyncio.create_task(agent.run()), asyncio.create_task(until_stopped())
-            try:
-                await asyncio.wait({working, stopped}, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                systemd.notify("STOPPING=1")
-                for task in (working, stopped):
-                    task.cancel()
-                await asyncio.gather(working, stopped, return_exceptions=True)
+            async with alongside(agent.run(), until_stopped()) as (working, stopped):
+                try:
+                    await asyncio.wait({working, stopped}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    systemd.notify("STOPPING=1")
             if not working.cancelled() and (error := working.exception()) is not None:
                 raise error
 

@@ -16,7 +16,7 @@ import msgspec
 from zmav import wire
 from zmav.cli.common import Work, assignments, connected, dump, json_option, show_table, tell
 from zmav.cli.progress import Progress
-from zmav.cli.vehicles import Line, attempt, check_apart, for_each, matching, show, together
+from zmav.cli.vehicles import Line, check_apart, matching, on_all, show, together
 from zmav.client import Client
 from zmav.errors import BadInput
 from zmav.formats import paramfile
@@ -92,21 +92,14 @@ def set_(vehicles: str, assigned: tuple[str, ...], as_json: bool) -> Work:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             raise BadInput.wrong(name, value, "a number")
 
-    async def set_one(v: Vehicle, name: str) -> Line:
+    async def change(v: Vehicle, tell: Any, name: str) -> Line:
         changed: Line = msgspec.to_builtins(await v.params.set(name, wanted[name]))
         return changed
 
-    async def on_one(v: Vehicle) -> list[Line]:
-        return [await attempt(set_one(v, name), name=name) for name in wanted]
-
     def words(line: Line) -> str:
-        said = f"not set: {line['message']}" if "error" in line else f"is {shown(line['value'])}"
-        return f"{line['name']} {said}"
+        return f"{line['name']} is {shown(line['value'])}"
 
-    async def set_all(z: Client) -> None:
-        show(await for_each(await matching(z, vehicles), on_one), words, as_json)
-
-    return set_all
+    return on_all(vehicles, "set", change, words, as_json, [{"name": name} for name in wanted])
 
 
 @command.command("save")

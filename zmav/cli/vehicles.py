@@ -97,7 +97,8 @@ def check_apart(vehicles: Sequence[Vehicle], file: str) -> None:
 
 def fault(line: Line) -> str:
     """What failed, and why."""
-    return f"{line['kind']} not done: {line['message']}" if "kind" in line else f"not done: {line['message']}"
+    what = line.get("kind") or line.get("name")
+    return f"{what} not done: {line['message']}" if what else f"not done: {line['message']}"
 
 
 def show(lines: list[Line], words: Callable[[Line], str], as_json: bool) -> None:

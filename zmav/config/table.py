@@ -30,6 +30,17 @@ def toml_value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML writes the rest as JSON does
 
 
+def toml_document(tables: Mapping[str, Any]) -> str:
+    """Each value on a line of its own, tables in tables within braces. Raises as :func:`toml_value`."""
+    lines = []
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            lines += [f"{toml_value(key)}.{toml_value(name)} = {toml_value(inner)}" for name, inner in value.items()]
+        else:
+            lines.append(f"{toml_value(key)} = {toml_value(value)}")
+    return "\n".join(lines) + "\n"
+
+
 T = TypeVar("T")
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 

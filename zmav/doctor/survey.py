@@ -25,7 +25,7 @@ from zmav.errors import BadInput, ZmavError
 from zmav.tokens import find_tokens
 from zmav.trust.credentials import Credentials
 from zmav.vehicle.vehicle import Vehicle
-from zmav.waiting import cancelled, together, within
+from zmav.waiting import alongside, together, within
 
 PINGS = 5
 PART_S = 15.0
@@ -93,8 +93,7 @@ async def look(
 ) -> Survey:
     """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
     listener = StatusListener(z)
-    listening = asyncio.create_task(listener.listen())
-    try:
+    async with alongside(listener.listen()):
         await asyncio.sleep(seconds)
         vehicles = (await z.settle())[:MOST]
         present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
@@ -124,8 +123,6 @@ async def look(
         await asyncio.gather(*(finish(part, work) for part, work in parts.items()))
         found |= {"links": listener.autopilots, "neighbours": listener.neighbours, "agents": listener.agents()}
         return Survey(vehicles=vehicles, unfinished=late, file=file, name=name, **found)
-    finally:
-        await cancelled(listening)
 
 
 async def _of_each(vehicles: list[Vehicle], ask: Callable[[Vehicle], Awaitable[T]]) -> dict[str, T]:

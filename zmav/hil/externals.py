@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import math
 import shutil
 import tempfile
@@ -37,9 +38,7 @@ class Externals(NoExternals):
     """``specs``: all of the world's vehicles, of which those with a ``stack`` are made here; ``addresses``: of the
     endpoints of each. The instance number of a stack, unless it is given, is its place among the world's vehicles with
     such an autopilot; of a PX4 that is started here, whose system id follows from it, one less than that. ``speed``:
-    the world's.
-
-    What a person should know goes to :attr:`say`; what is said before anybody listens is kept.
+    the world's. ``say``: takes what a person should know, a line at a time; None: the last ones are kept.
     """
 
     def __init__(
@@ -53,7 +52,10 @@ class Externals(NoExternals):
         epoch_us: int,
         speed: float,
         noise: str = "none",
+        say: Callable[[str], None] | None = None,
     ) -> None:
+        self.notes: collections.deque[str] = collections.deque(maxlen=MOST_NOTES)
+        self.say = say or self.notes.append
         self._home = home
         self._noise = NOISE if noise == "none" else noise
         self._environment = environment
@@ -62,8 +64,6 @@ class Externals(NoExternals):
         self._epoch_us = epoch_us
         self._asked_speed = speed
         self._speed = speed if math.isfinite(speed) else 1.0
-        self._listener: Callable[[str], None] | None = None
-        self._notes: list[str] = []
         self._programs: dict[str, Program] = {}
         self._jobs: list[tuple[External, Path, Callable[[Path], Job]]] = []
         self._temporary: Path | None = None
@@ -79,26 +79,6 @@ class Externals(NoExternals):
                     instance = (spec.sysid or 1) - 1 if started else instances[spec.autopilot == PX4]
                 self.vehicles.append(self._make(instance, spec, reached))
             instances[spec.autopilot == PX4] += 1
-
-    # ---- what is said
-
-    def say(self, text: str) -> None:
-        if self._listener is not None:
-            self._listener(text)
-        elif len(self._notes) < MOST_NOTES:
-            self._notes.append(text)
-
-    def listen(self, listener: Callable[[str], None]) -> None:
-        """Have everything that is said from now on, and what was said before."""
-        self._listener = listener
-        notes, self._notes = self._notes, []
-        for note in notes:
-            listener(note)
-
-    @property
-    def notes(self) -> list[str]:
-        """What was said while nobody listened."""
-        return list(self._notes)
 
     # ---- making them
 

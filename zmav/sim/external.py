@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import ClassVar, Protocol
 
 from zmav.sim.endpoints import Wiring
@@ -31,14 +31,8 @@ class Externals:
     """All such vehicles of one world; these are none. Everything is called in the world's thread."""
 
     vehicles: Sequence[External] = ()
-
-    @property
-    def notes(self) -> list[str]:
-        """What was said while nobody listened."""
-        return []
-
-    def listen(self, listener: Callable[[str], None]) -> None:
-        """Have everything that is said from now on, and what was said before."""
+    notes: Collection[str] = ()
+    """what was said where nobody is to be told"""
 
     def open(self, wiring: Wiring) -> None:
         """Open everything; nothing where that is done. Raises :class:`PortInUse`, :class:`BadUrl`,

@@ -16,10 +16,9 @@ import zmav
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
 from agents.controllers.response import ResponseReport, examine, picture
 from zmav import keys, wire
-from zmav.cli.common import Between, Finite, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Between, Finite, Work, connected, json_option, tell
 from zmav.errors import BadInput, TimedOut
-from zmav.session import SessionSettings
-from zmav.waiting import cancelled, within
+from zmav.waiting import alongside, within
 
 TOPIC = "signals"
 BEFORE = 1.0
@@ -50,9 +49,8 @@ SECONDS = {"step": 5.0, "doublet": 1.0}
     metavar="FILE.png",
     help="Draw it: png, svg or pdf.",
 )
-@fleet_option
 @json_option
-@zenoh_options
+@connected
 def inject(
     agent: str,
     kind: str,
@@ -62,10 +60,8 @@ def inject(
     after: float,
     vehicle: str,
     output: Path | None,
-    fleet: str,
     as_json: bool,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Add a signal to a controller's reference, and report how it follows.
 
     'zmav agent inject mine step --channel z --amplitude -1 --vehicle hex1 -o response.png'.
@@ -74,14 +70,13 @@ def inject(
     lasts = SECONDS[kind] if seconds is None else seconds
     args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts)  # type: ignore[arg-type]
 
-    async def tell() -> None:
-        async with zmav.open(fleet=fleet, settings=settings) as z:
-            report = await respond(z, vehicle, agent, args, after)
-        click.echo(dump(report.numbers(), pretty=False) if as_json else report.text())
+    async def act(z: zmav.Client) -> None:
+        report = await respond(z, vehicle, agent, args, after)
+        tell(as_json, report.numbers(), report.text())
         if output is not None:
             picture(report, output)
 
-    run(tell())
+    return act
 
 
 async def respond(
@@ -101,16 +96,13 @@ async def respond(
             text = f"{agent} runs for {vehicle} and streams no signals: engage it, 'zmav agent do {agent} engage'"
             raise TimedOut(text, vehicle=vehicle, agent=agent)
         arguments = {name: value for name, value in msgspec.structs.asdict(args).items() if name not in OWN}
-        order = asyncio.create_task(target.tell(agent, "inject", **arguments))
-        try:
+        async with alongside(target.tell(agent, "inject", **arguments)) as (order,):
             over = partial(_over, heard, heard[-1].t, duration(args) + after, order)
             if not await _hear(signals, heard, over, silent):
                 over()  # raises what it was refused with
                 text = "its signals ended before all was injected: it was released, or its link is gone"
                 raise TimedOut(text, heard=len(heard))
             await asyncio.wait({order}, timeout=silent)
-        finally:
-            await cancelled(order)
         slow, bad = signals.dropped, signals.bad
     report = _examined(args, heard, f"{vehicle}/{agent}")
     if slow:

@@ -76,6 +76,11 @@ def mine(tmp_path: Path) -> Path:
     return path
 
 
+async def asked(field: Field, key: str) -> list[wire.TunableInfo]:
+    answers = await field.z.ask(key)
+    return [wire.decode(each.payload, wire.TunableInfo, "param") for each in answers if isinstance(each, Answer)]
+
+
 async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine)
     vehicle = field.vehicle
@@ -97,6 +102,16 @@ async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, 
     assert field.mode == "HOLD"
     await vehicle.wait_until(lambda s: s.lease is None, 10.0)
     assert supervisor.cycles.phase == 0
+    # Its parameters are keys, within bounds.
+    key = keys.AGENT_PARAM.key("demo", "hex1", agent="mine", param="fault")
+    (info,) = await asked(field, key)
+    assert (info.value, info.low, info.high) == (0.0, 0.0, 9.0)
+    everything = await asked(field, keys.AGENT_PARAM.key("demo", "hex1", agent="mine", param="*"))
+    assert len(everything) > 15
+    with pytest.raises(BadInput, match="0 to 9"):
+        await vehicle.tell("mine", "set", name="fault", value=10.0)
+    with pytest.raises(BadInput, match="no parameter"):
+        await vehicle.tell("mine", "set", name="nonsense", value=1.0)
 
 
 @pytest.mark.slow
@@ -123,10 +138,11 @@ async def test_the_autopilot_has_it_back_whatever_the_controller_does(
         assert field.mode == "OFFBOARD", fault
 
 
-async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field, mine: Path) -> None:
+async def test_the_pilots_switch_takes_it_and_so_does_a_mode_and_nobody_takes_it_back(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine)
     await field.vehicle.tell("mine", "engage")
-    pilot = field.world.vehicles[0].px4.pilot
+    px4 = field.world.vehicles[0].px4
+    pilot = px4.pilot
     pilot.flip(7, 1900)
     await field.until(lambda: field.mode == "HOLD", "the autopilot has not got it")
     await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
@@ -137,8 +153,13 @@ async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field,
     pilot.flip(7, 1000)
     await field.vehicle.wait_until(lambda s: s.pilot is None, 10.0)
     assert field.mode == "HOLD"
+    supervisor.handed_back_ms = None
     await field.vehicle.tell("mine", "engage")
     assert field.mode == "OFFBOARD"
+    assert field.world.call(lambda: px4.set_mode(POSCTL))
+    await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
+    await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
+    assert field.mode == "POSCTL", "it was taken from the pilot"
 
 
 async def test_the_switch_turned_back_is_the_pilots_own_request(field: Field, mine: Path) -> None:
@@ -149,16 +170,6 @@ async def test_the_switch_turned_back_is_the_pilots_own_request(field: Field, mi
     pilot.flip(7, 1000)
     await field.until(lambda: supervisor.cycles.phase == 1, "it does not take over")
     assert field.mode == "OFFBOARD"
-
-
-async def test_a_mode_that_the_pilot_enters_takes_it_too(field: Field, mine: Path) -> None:
-    supervisor = await field.supervise(mine)
-    await field.vehicle.tell("mine", "engage")
-    px4 = field.world.vehicles[0].px4
-    assert field.world.call(lambda: px4.set_mode(POSCTL))
-    await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
-    await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
-    assert field.mode == "POSCTL", "it was taken from the pilot"
 
 
 @pytest.mark.alone  # PX4 leaves OFFBOARD where setpoints pause, whatever else runs
@@ -188,24 +199,6 @@ async def test_a_saved_file_is_loaded_in_flight_and_a_broken_one_is_not(field: F
     assert field.mode == "OFFBOARD"
 
 
-async def asked(field: Field, key: str) -> list[wire.TunableInfo]:
-    answers = await field.z.ask(key)
-    return [wire.decode(each.payload, wire.TunableInfo, "param") for each in answers if isinstance(each, Answer)]
-
-
-async def test_parameters_are_keys_within_bounds_and_changes_are_told(field: Field, mine: Path) -> None:
-    await field.supervise(mine)
-    key = keys.AGENT_PARAM.key("demo", "hex1", agent="mine", param="fault")
-    (info,) = await asked(field, key)
-    assert (info.value, info.low, info.high) == (0.0, 0.0, 9.0)
-    everything = await asked(field, keys.AGENT_PARAM.key("demo", "hex1", agent="mine", param="*"))
-    assert len(everything) > 15
-    with pytest.raises(BadInput, match="0 to 9"):
-        await field.vehicle.tell("mine", "set", name="fault", value=10.0)
-    with pytest.raises(BadInput, match="no parameter"):
-        await field.vehicle.tell("mine", "set", name="nonsense", value=1.0)
-
-
 async def test_the_class_in_the_documents_flies(field: Field, tmp_path: Path) -> None:
     page = (Path(__file__).parents[3] / "docs" / "controllers.md").read_text()
     path = tmp_path / "my_controller.py"
@@ -232,6 +225,37 @@ async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_
     with pytest.raises(BadInput):
         await vehicle.tell("acro", "inject", kind="step", channel="p", amplitude=1.0, seconds=1.0)
     assert field.mode == "OFFBOARD"
+
+
+async def test_each_level_flies_alone(field: Field) -> None:
+    for controller in ("ev1-rates", "ev1-attitude", "ev1-altitude", "ev1-velocity", "ev1-position", "ev1", "ev2"):
+        await field.supervise(controller)
+        await field.vehicle.tell(controller, "engage")
+        assert field.mode == "OFFBOARD", controller
+        await field.vehicle.tell(controller, "release")
+        assert field.mode == "HOLD", controller
+        await field.dismiss()
+
+
+async def test_a_supervisor_that_dies_leaves_the_vehicle_holding(field: Field, mine: Path) -> None:
+    """Its process is another one here: killed, it says nothing to anybody."""
+    command = [sys.executable, "-m", "zmav", "agent", "run", str(mine), "--vehicle", "hex1", "-o", "rate_hz=100"]
+    process = await asyncio.create_subprocess_exec(*command, "-e", field.endpoint)
+    try:
+        deadline = asyncio.get_running_loop().time() + 60.0
+        while True:
+            try:
+                await field.vehicle.tell("mine", "engage")
+                break
+            except (NoSuchVehicle, Refused, TimedOut):
+                assert asyncio.get_running_loop().time() < deadline, "it does not take over"
+        assert field.mode == "OFFBOARD"
+        process.kill()
+        await field.until(lambda: field.mode == "HOLD", "the vehicle does not hold")
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
 
 
 @ARDUCOPTER
@@ -269,34 +293,3 @@ async def test_a_newer_px4_takes_rates_and_no_torques(field: Field) -> None:
     await field.supervise("ev1-attitude")
     await field.vehicle.tell("ev1-attitude", "engage")
     assert field.mode == "OFFBOARD"
-
-
-async def test_each_level_flies_alone(field: Field) -> None:
-    for controller in ("ev1-rates", "ev1-attitude", "ev1-altitude", "ev1-velocity", "ev1-position", "ev1", "ev2"):
-        await field.supervise(controller)
-        await field.vehicle.tell(controller, "engage")
-        assert field.mode == "OFFBOARD", controller
-        await field.vehicle.tell(controller, "release")
-        assert field.mode == "HOLD", controller
-        await field.dismiss()
-
-
-async def test_a_supervisor_that_dies_leaves_the_vehicle_holding(field: Field, mine: Path) -> None:
-    """Its process is another one here: killed, it says nothing to anybody."""
-    command = [sys.executable, "-m", "zmav", "agent", "run", str(mine), "--vehicle", "hex1", "-o", "rate_hz=100"]
-    process = await asyncio.create_subprocess_exec(*command, "-e", field.endpoint)
-    try:
-        deadline = asyncio.get_running_loop().time() + 60.0
-        while True:
-            try:
-                await field.vehicle.tell("mine", "engage")
-                break
-            except (NoSuchVehicle, Refused, TimedOut):
-                assert asyncio.get_running_loop().time() < deadline, "it does not take over"
-        assert field.mode == "OFFBOARD"
-        process.kill()
-        await field.until(lambda: field.mode == "HOLD", "the vehicle does not hold")
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()

@@ -136,7 +136,7 @@ async def scene(net: Net, onboard: StartOnboard) -> AsyncIterator[Scene]:
         await asyncio.gather(*running, return_exceptions=True)
 
 
-async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_back(scene: Scene) -> None:
+async def test_without_new_places_it_gives_the_vehicle_back_and_one_that_somebody_else_lands_too(scene: Scene) -> None:
     """What is no new place: see test_place.py."""
     follower, quad = scene
     flight = await scene.track(3.0)
@@ -151,8 +151,15 @@ async def test_without_new_places_it_holds_says_so_and_then_gives_the_vehicle_ba
     assert words in follower.said[-1]
     await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)
 
+    quad.says_places = True
+    flight = await scene.track(2.0)
+    await quad.land()
+    await until(flight.done, "it goes on for ever", PATIENCE_S)
+    assert follower.said[-1] == "landed"
+    await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)
 
-async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene: Scene) -> None:
+
+async def test_a_hold_ends_a_landing_on_the_pad_unless_it_is_down(scene: Scene) -> None:
     follower, quad = scene
     await scene.track(2.0)
     landing = asyncio.create_task(quad.tell("follower", "land"))
@@ -171,9 +178,6 @@ async def test_a_hold_while_it_is_told_to_land_on_the_pad_ends_the_landing(scene
     assert follower.flying
     assert follower.said[-1].startswith("hold")
 
-
-async def test_a_hold_once_it_is_down_leaves_the_landing_to_end(scene: Scene) -> None:
-    follower, quad = scene
     await scene.track(2.0)
     landing = asyncio.create_task(quad.tell("follower", "land"))
     await quad.wait_until(lambda s: s.mover != "stream" and s.landed is True, PATIENCE_S)
@@ -182,12 +186,3 @@ async def test_a_hold_once_it_is_down_leaves_the_landing_to_end(scene: Scene) ->
     await landing
     assert not quad.state.armed
     assert follower.said[-1] == "landed"
-
-
-async def test_a_vehicle_that_somebody_else_lands_is_flown_no_more(scene: Scene) -> None:
-    follower, quad = scene
-    flight = await scene.track(2.0)
-    await quad.land()
-    await until(flight.done, "it goes on for ever", PATIENCE_S)
-    assert follower.said[-1] == "landed"
-    await quad.wait_until(lambda s: s.lease is None, PATIENCE_S)

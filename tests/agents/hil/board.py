@@ -44,6 +44,7 @@ class Px4Board:
         self.readings = 0
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
+        os.set_blocking(self._master, False)  # nobody may read: what waits for room is to end with the board
         link.symlink_to(os.ttyname(self._slave))
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._from_autopilot, self._from_line)]
 
@@ -75,7 +76,9 @@ class Px4Board:
 
     def _put(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
-            os.write(self._master, data)
+            while data and self._master >= 0 and not self._stop.is_set():
+                if select.select([], [self._master], [], 0.05)[1]:
+                    data = data[os.write(self._master, data) :]
 
     def _from_autopilot(self) -> None:
         splitter = Splitter(load_dialect("ardupilotmega"))

@@ -47,12 +47,13 @@ SAFE = {"COM_OBL_RC_ACT": 3.0, "RTL_RETURN_ALT": 6.0, "RTL_DESCEND_ALT": 6.0, "R
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the stages expect of time, a busy machine that runs the tests need not keep."""
+    """What the stages expect of time, a busy machine that runs the tests need not keep; flights are hurried."""
     for module, name, value in (
         (steps, "HOLD_SLACK", 10.0),
         (steps, "PILOT_S", 10.0),
         (checkflight, "SILENT_S", 15.0),
         (checkflight, "LINK_LOSS", 0.5),
+        (checkflight, "PACE", 3.0),
         (bench, "LEAST_SHARE", 0.05),
         (bench, "LEAST_SPEED", 0.1),
     ):

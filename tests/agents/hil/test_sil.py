@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from agents.hil import checkflight
 from agents.hil.cli import hil
 from agents.hil.flight import HOVERS, kind_of
 from agents.hil.report import find, hash_of
@@ -20,9 +19,8 @@ SWITCH = "[vehicles.quad1.pilot_switch]\nchannel = 7\n"
 
 
 @pytest.mark.slow
-async def test_a_copter_flies_every_check(fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_copter_flies_every_check(fleet: Path, tmp_path: Path) -> None:
     """... within a fence that makes the square smaller; the report says what was flown, and of which file."""
-    monkeypatch.setattr(checkflight, "PACE", 3.0)
     assert await sil(fleet, "quad1", tmp_path) == 0
     report = find(tmp_path, "quad1", "sil")
     assert report is not None and report.passed and report.identity is not None

@@ -100,6 +100,12 @@ class Field:
         place = {"north": 0.0, "east": 0.0, "down": -5.0}
         return await self.me.tell("navigator", "fly", **{**place, **arguments})
 
+    async def fly_from_here(self, side: float, **arguments: Any) -> dict[str, Any]:
+        """A square whose first corner is where the copter is: there is no way to it."""
+        north, east, down = self.me.local
+        middle = {"north": north + 0.5 * side, "east": east + 0.5 * side, "down": down}
+        return await self.fly(route="square", side=side, **middle, **arguments)
+
     @contextlib.asynccontextmanager
     async def distant(self) -> AsyncIterator[tuple[StalledClient, Distant]]:
         settings, tuned = FlightSettings(lease_s=20.0), {"settle": 0.0}
@@ -218,7 +224,7 @@ async def test_it_flies_to_the_end_and_says_how_well_it_followed(field: Field) -
 
 async def test_what_is_aborted_comes_to_rest_on_its_way_and_is_given_back(field: Field) -> None:
     navigator = field.navigator
-    await field.fly(route="square", side=4.0, speed=1.5)
+    await field.fly_from_here(4.0, speed=1.5)
     await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 5.0, "half way")
     course = navigator.course
     assert course is not None
@@ -324,7 +330,8 @@ async def test_a_controller_is_told_segments_that_follow_each_other(field: Field
     async with field.me.lease("ev1") as lease:
         controller.lease = lease
         async with Behind(field.fleet.world) as behind:
-            await field.fly(route="circle", radius=3.5, controller="ev1", yaw=1.0, speed=1.0)
+            north, east, _ = field.me.local  # its northern end: there is no way to it
+            await field.fly(route="circle", radius=3.5, controller="ev1", yaw=1.0, north=north - 3.5, east=east)
             await field.ended("flew circle: 22.0 m")
         assert lease.lost is None  # it is the controller's, and stays with it
     controller.lease = None
@@ -352,7 +359,7 @@ async def test_where_the_controller_refuses_the_vehicle_holds(field: Field) -> N
 
 async def test_the_pilot_has_it_at_once_and_is_not_told_to_hold(field: Field) -> None:
     navigator = field.navigator
-    await field.fly(route="square", side=4.0)
+    await field.fly_from_here(4.0)
     await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.5, "under way")
     field.fleet.world.vehicles[0].pilot_mode("LOITER")
     text = await field.ended("square broken off")
@@ -363,7 +370,7 @@ async def test_the_pilot_has_it_at_once_and_is_not_told_to_hold(field: Field) ->
 
 async def test_without_a_position_it_gives_the_vehicle_back(field: Field) -> None:
     navigator = field.navigator
-    await field.fly(route="square", side=4.0)
+    await field.fly_from_here(4.0)
     await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.5, "under way")
     world = field.fleet.world
     name = world.vehicles[0].spec.name

@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 
 from mesh.lab.channel import Conditions
-from mesh.lab.fleetfile import toml, write_fleet
+from mesh.lab.fleetfile import write_fleet
 from mesh.lab.network import Network
 from mesh.lab.scenario import load_scenario
 from mesh.lab.values import Ask, conditions
 from mesh.lab.wiring import wire
 from tests.mesh.lab.conftest import scenario
 from zmav.config import load_fleet
+from zmav.config.table import toml_document
 from zmav.errors import BadConfig, BadInput
 from zmav.sim.fleetfile import load_simulated
 
@@ -63,7 +64,7 @@ def test_the_fleet_file_says_where_everybody_is_and_what_was_said_besides(tmp_pa
 def test_toml_is_written_as_it_is_read(tmp_path: Path) -> None:
     values = {"fleet": 'a"\\b', "sim": {"a b": [1, 2.5, True, "ü😀\n", math.inf], "c": {"d": {"e": []}}}}
     path = tmp_path / "x.toml"
-    path.write_text(toml({**values, "fleet": "x"}))
+    path.write_text(toml_document({**values, "fleet": "x"}))
     assert load_fleet(path).sim == values["sim"]
 
 

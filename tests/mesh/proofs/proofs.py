@@ -188,7 +188,7 @@ class Partition:
     again: int
     """frames of the stream under the new lease"""
     said: list[str]
-    """what it said of its failsafes"""
+    """what it said of its failsafes from the cut on"""
     lost: str
     """what the first lease's holder was told"""
 
@@ -200,7 +200,7 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
     why = "nothing"
     async with vehicle.lease("planner", ttl=3.0) as lease:
         await stream(lease, sent, 2.0)
-        cut = time.monotonic()
+        cut, began = time.monotonic(), time.time()
         lab.cut(link)
         await stream(lease, sent, seconds)
         healed = time.monotonic()
@@ -232,7 +232,7 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
         len(alone),
         {h.number for h in heard} & alone,
         len({h.number for h in heard if h.number > first}),
-        [*events.texts("setpoint"), *events.texts("failsafe")],
+        [event.text for event in events.events if event.kind in ("setpoint", "failsafe") and event.t > began],
         why,
     )
 

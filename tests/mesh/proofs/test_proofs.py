@@ -62,14 +62,40 @@ async def test_a_ring_outlives_the_cut_of_the_path_in_use(run: Run) -> None:
     assert saw.orders.done > 0
 
 
-async def test_nothing_stale_reaches_an_autopilot_that_was_alone(tmp_path: Path, run: Run) -> None:
-    scenario = rigs.chain(1, relays=1, delay="5 ms", lease=1.0)
+async def test_over_a_relay_what_must_arrive_does_a_lease_outlasts_a_stall_and_nothing_stale_is_flown(
+    tmp_path: Path, run: Run
+) -> None:
+    scenario = rigs.chain(1, relays=1, loss=0.1, delay="20 ms", lease=1.0)
     link = tmp_path / "tap"
     quad = msgspec.structs.replace(scenario.hosts["quad1"], arguments=["--link", str(link)])
     scenario = msgspec.structs.replace(scenario, hosts={**scenario.hosts, "quad1": quad})
     with Tap(tmp_path / "lab" / "quad1.pty", link) as tap:
         async with run(scenario) as (lab, z):
-            await rigs.in_the_air(z.vehicle("quad1"), 3.0)
+            # Once and in order, though a tenth is lost.
+            arrived = await proofs.must_arrive(lab, z, "quad1", 5)
+            assert sum(each.lost for each in lab.counters("all")) > 0
+            assert arrived.failed == []
+            assert len(arrived.given) == 10
+            assert arrived.heard == arrived.given
+
+            # There is no other way than the link that stalls.
+            lab.set("all", loss=0.0, delay="5 ms")
+            vehicle = z.vehicle("quad1")
+            await rigs.in_the_air(vehicle, 3.0)
+            ended = vehicle.state.lease_end
+            async with vehicle.lease("planner", ttl=30.0) as lease:
+                await proofs.stream(lease, {}, 1.0)
+                lab.cut("ground-relay1")  # the token is missed behind a link that is not the vehicle's own
+                await proofs.stream(lease, {}, 2.0)
+                lab.heal("ground-relay1")
+                streaming, healed = asyncio.create_task(proofs.stream(lease, {}, 5.0)), time.time()
+                flies = await vehicle.wait_until(lambda s: s.t > healed + 1.0 and s.mover == "stream", rigs.PATIENCE)
+                await streaming
+                assert flies.lease is not None
+                assert (flies.lease.number, flies.lease_end) == (lease.number, ended)
+            await vehicle.wait_until(lambda s: s.lease is None, rigs.PATIENCE)
+            tap.heard.clear()  # of setpoints that have the same numbers
+
             saw = await proofs.partition(lab, z, tap, "relay1-quad1", 3.0)
     assert saw.before > 20
     assert saw.alone > 20
@@ -78,31 +104,6 @@ async def test_nothing_stale_reaches_an_autopilot_that_was_alone(tmp_path: Path,
     assert saw.stale == set()
     assert saw.again > 0
     assert "lease" in saw.lost
-
-
-async def test_what_must_arrive_does_once_and_in_order_and_a_lease_outlasts_a_link_that_stalled(run: Run) -> None:
-    """The one though a tenth is lost; the other though there is no other way."""
-    async with run(rigs.chain(1, relays=1, loss=0.1, delay="20 ms")) as (lab, z):
-        saw = await proofs.must_arrive(lab, z, "quad1", 5)
-        assert sum(each.lost for each in lab.counters("all")) > 0
-        assert saw.failed == []
-        assert len(saw.given) == 10
-        assert saw.heard == saw.given
-
-        lab.set("all", loss=0.0, delay="5 ms")
-        vehicle = z.vehicle("quad1")
-        await rigs.in_the_air(vehicle, 3.0)
-        ended = vehicle.state.lease_end
-        async with vehicle.lease("planner", ttl=30.0) as lease:
-            await proofs.stream(lease, {}, 1.0)
-            lab.cut("ground-relay1")  # the token is missed behind a link that is not the vehicle's own
-            await proofs.stream(lease, {}, 2.0)
-            lab.heal("ground-relay1")
-            streaming, healed = asyncio.create_task(proofs.stream(lease, {}, 5.0)), time.time()
-            flies = await vehicle.wait_until(lambda s: s.t > healed + 1.0 and s.mover == "stream", rigs.PATIENCE)
-            await streaming
-            assert flies.lease is not None
-            assert (flies.lease.number, flies.lease_end) == (lease.number, ended)
 
 
 async def test_a_segment_of_three_access_points_comes_back_when_its_middle_does(run: Run) -> None:

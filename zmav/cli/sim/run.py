@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import resource
 import signal
@@ -219,7 +220,6 @@ def run_world(control: str | None, camera_port: int, up: bool, **options: Any) -
         serve_cameras(world, camera_port)
         announce(world)
         world.say = say
-        world.externals.listen(say)
         world.on_failure = lambda vehicle, error: say(_obituary(vehicle, error))
         with contextlib.ExitStack() as stack:
             if up:
@@ -289,7 +289,7 @@ def make_world(
         cameras=dict(map(parse_camera, cameras)),
         pads={name: PadSpec() for name in pads},
         ready_s=REALISTIC_READY_S if table.real_boot else DEFAULT_READY_S,
-        externals=Externals,
+        externals=functools.partial(Externals, say=say),
     )
 
 

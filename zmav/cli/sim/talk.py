@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import click
 import msgspec
 
-from zmav.cli.common import Finite, console, dump, json_option
+from zmav.cli.common import Finite, dump, json_option, show_table
 from zmav.errors import BadInput
 from zmav.sim.faults import FaultStatus
 from zmav.sim.faults.table import KINDS, make_fault, values_from_words
@@ -39,37 +41,42 @@ def clock_words(status: WorldStatus) -> str:
     return words
 
 
-def control_option(command: Any) -> Any:
-    """``--control``, also after the verb."""
-    return click.option("--control", metavar="PATH", help="Which simulator.  [default: the only one that runs]")(
-        command
-    )
+Work = Callable[[Remote], WorldStatus | None]
+"""what a verb does with the simulator, and how the world is then, where that is to be told"""
 
 
-def remote(control: str | None) -> Remote:
-    """The simulator meant: by ``--control`` before or after the verb."""
-    return Remote(control or click.get_current_context().obj)
+def to_simulator(verb: Callable[..., Work]) -> Callable[..., None]:
+    """The body of a verb for the simulator of ``--control``, before or after the verb: it looks at its options and
+    gives back what is to be done, before anybody is asked.
+    """
+
+    @click.option("--control", metavar="PATH", help="Which simulator.  [default: the only one that runs]")
+    @functools.wraps(verb)
+    def wrapped(control: str | None, **options: Any) -> None:
+        work = verb(**options)
+        with Remote(control or click.get_current_context().obj) as sim:
+            found = work(sim)
+        if found is not None:
+            click.echo(clock_words(found))
+
+    return wrapped
 
 
 @click.command("status")
-@control_option
+@to_simulator
 @json_option
-def status(control: str | None, as_json: bool) -> None:
+def status(as_json: bool) -> Work:
     """Show the world's clock and every vehicle."""
-    with remote(control) as sim:
-        found = sim.status()
-    if as_json:
-        click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
-        return
-    from rich.table import Table  # slow to load, and a simulator that begins draws none
 
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for column in COLUMNS:
-        table.add_column(column, justify="right" if column in ("sysid", "height", "speed", "battery") else "left")
-    for vehicle in found.vehicles:
-        table.add_row(*_row(vehicle))
-    console().print(table)
-    click.echo(clock_words(found))
+    def show(sim: Remote) -> WorldStatus | None:
+        found = sim.status()
+        if as_json:
+            click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
+            return None
+        show_table(COLUMNS, map(_row, found.vehicles), right=("sysid", "height", "speed", "battery"))
+        return found
+
+    return show
 
 
 def _row(v: VehicleStatus) -> tuple[str, ...]:
@@ -90,54 +97,49 @@ def _row(v: VehicleStatus) -> tuple[str, ...]:
 
 
 @click.command("pause")
-@control_option
-def pause(control: str | None) -> None:
+@to_simulator
+def pause() -> Work:
     """Stop simulated time."""
-    with remote(control) as sim:
-        click.echo(clock_words(sim.pause()))
+    return Remote.pause
 
 
 @click.command("resume")
-@control_option
-def resume(control: str | None) -> None:
+@to_simulator
+def resume() -> Work:
     """Go on after a pause."""
-    with remote(control) as sim:
-        click.echo(clock_words(sim.resume()))
+    return Remote.resume
 
 
 @click.command("speed")
 @click.argument("times")
-@control_option
-def speed(times: str, control: str | None) -> None:
+@to_simulator
+def speed(times: str) -> Work:
     """Go on at TIMES real time; 'max' or 0: as fast as it goes."""
-    with remote(control) as sim:
-        asked = parse_speed(times)
-        click.echo(clock_words(sim.speed(asked if math.isfinite(asked) else 0.0)))
+    asked = parse_speed(times)
+    return lambda sim: sim.speed(asked if math.isfinite(asked) else 0.0)
 
 
 @click.command("step")
 @click.argument("seconds", type=Finite())
-@control_option
-def step(seconds: float, control: str | None) -> None:
+@to_simulator
+def step(seconds: float) -> Work:
     """Go on for SECONDS of simulated time, and pause."""
-    with remote(control) as sim:
-        click.echo(clock_words(sim.step(seconds)))
+    return lambda sim: sim.step(seconds)
 
 
 @click.command("stop")
-@control_option
-def stop(control: str | None) -> None:
+@to_simulator
+def stop() -> Work:
     """End the simulator."""
-    with remote(control) as sim:
-        sim.stop()
+    return Remote.stop
 
 
 @click.command("pilot")
 @click.argument("vehicle")
 @click.argument("channels", nargs=-1, metavar="[CHANNEL=PWM]...")
 @click.option("--mode", help="What the mode switch is turned to: one of the modes on it.")
-@control_option
-def pilot(vehicle: str, channels: tuple[str, ...], mode: str | None, control: str | None) -> None:
+@to_simulator
+def pilot(vehicle: str, channels: tuple[str, ...], mode: str | None) -> Work:
     """Turn the pilot's switches: 'zmav sim pilot hex1 7=1900', 'zmav sim pilot quad1 --mode LOITER'.
 
     Channels (1 to 8) are pulse widths in us. Where nothing is said, a PX4's radio is off: the first use turns it on.
@@ -146,8 +148,7 @@ def pilot(vehicle: str, channels: tuple[str, ...], mode: str | None, control: st
     if not set_to and mode is None:
         expected = "--mode MODE or CHANNEL=PWM"
         raise BadInput(f"what does the pilot do? {expected}", field="channels", value=None, expected=expected)
-    with remote(control) as sim:
-        sim.pilot(vehicle, mode, set_to)
+    return lambda sim: sim.pilot(vehicle, mode, set_to)
 
 
 def _channel(text: str) -> tuple[int, int]:
@@ -165,7 +166,7 @@ def _channel(text: str) -> tuple[int, int]:
 @click.argument("parameters", nargs=-1)
 @click.option("--for", "for_s", type=Finite(), metavar="SECONDS", help="Simulated seconds.  [default: until cleared]")
 @click.option("--clear", is_flag=True, help="End it; without KIND all of the vehicle's, without VEHICLE all there are.")
-@control_option
+@to_simulator
 @json_option
 def fault(
     vehicle: str | None,
@@ -173,30 +174,23 @@ def fault(
     parameters: tuple[str, ...],
     for_s: float | None,
     clear: bool,
-    control: str | None,
     as_json: bool,
-) -> None:
+) -> Work:
     """Let something go wrong: 'zmav sim fault quad1 gps-glitch north=30 --for 20'. VEHICLE is a name or 'all'.
     Without any, show the faults that are on.
     """
     if clear:
         if parameters or for_s is not None:
             raise BadInput("--clear takes no parameters and no --for", field="clear", value=parameters, expected="none")
-        with remote(control) as sim:
-            count = sim.clear(None if vehicle == "all" else vehicle, kind)
-        click.echo(f"{count} cleared")
-        return
+        return lambda sim: click.echo(f"{sim.clear(None if vehicle == 'all' else vehicle, kind)} cleared")
     if vehicle is None:
-        with remote(control) as sim:
-            _show(sim.faults(), as_json)
-        return
+        return lambda sim: _show(sim.faults(), as_json)
     if kind is None:
         expected = ", ".join(KINDS)
         raise BadInput(f"which fault? There are {expected}", field="kind", value=None, expected=expected)
     values = values_from_words(parameters)
     make_fault(kind, values)  # what is wrong with the words is said before anybody is asked
-    with remote(control) as sim:
-        _show(sim.fault(vehicle, kind, for_s=for_s, **values), as_json)
+    return lambda sim: _show(sim.fault(vehicle, kind, for_s=for_s, **values), as_json)
 
 
 def _show(found: list[FaultStatus], as_json: bool) -> None:

@@ -57,7 +57,7 @@ def companions(world: World, fleet_file: str | None) -> Iterator[None]:
 
 
 def is_open(endpoint: str) -> bool:
-    """Somebody listens there: a router that 'zmav up', 'zmav router' or 'zmav demo --stay' has opened before."""
+    """Somebody listens there: a router that 'zmav up', 'zmav router' or 'zmav demo --stay' has opened."""
     protocol, _, place = endpoint.partition("/")
     host, _, port = place.rpartition(":")
     if protocol != "tcp" or not port.isdigit():
