@@ -49,6 +49,20 @@ async def test_set_mode_the_old_way(bench: StartBench) -> None:
     assert "station 255 ordered SET_MODE" in end["text"]
 
 
+@pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT", "SET_MODE"])
+async def test_its_mode_takes_an_autopilot_whose_modes_nobody_knows(bench: StartBench, name: str) -> None:
+    b = await bench(settings={"failsafe": PATIENT}, autopilot=0)
+    alice = await agent(b)
+    alice.put(vel=None, rc=[1500])
+    await b.peer.count("RC_CHANNELS_OVERRIDE", 1)
+    b.peer.beating = False
+    fields = {"base_mode": 1, "custom_mode": LOITER} if name == "SET_MODE" else {"command": SET_MODE, "param1": 1.0}
+    frame = Packer(load_dialect(), 255, 190).pack(name, target_system=1, **fields)
+    b.ground.put(keys.TX, frame, sys=1, comp=0, msg=name)
+    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
+    assert (end["reason"], "station 255 ordered" in end["text"]) == ("pilot", True)
+
+
 async def test_other_commands_take_nothing(bench: StartBench) -> None:
     b = await bench(settings={"failsafe": PATIENT})
     alice = await agent(b)
