@@ -96,7 +96,7 @@ class Separation:
         if self.on or (self._mates and self._origin is not None):
             ours, all_of_them = (keys.BEACON.key(self._port.fleet, name) for name in (self._port.name, "*"))
             self._publisher = self._session.declare_publisher(ours, **keys.BEACON.publishing())
-            self._intake = Intake(self._session.declare_subscriber, all_of_them, self._take_all, MOST_WAITING)
+            self._intake = Intake(self._session.declare_subscriber, all_of_them, self._on_beacon, MOST_WAITING)
 
     def close(self) -> None:
         if self._intake is not None:
@@ -127,10 +127,6 @@ class Separation:
         if self._said is None or abs(beacon.t - self._said.t) > quiet or _differ(self._said, beacon) > DIFFERS:
             self._said = beacon
             publisher.put(wire.encode(beacon))
-
-    def _take_all(self, samples: list[zenoh.Sample]) -> None:
-        for sample in samples:
-            self._on_beacon(sample)
 
     def _on_beacon(self, sample: zenoh.Sample) -> None:
         name = str(sample.key_expr).split("/")[2]
