@@ -16,7 +16,8 @@ from zmav import wire
 from zmav.autopilots import Command, Message
 from zmav.autopilots.base import mode_of
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
-from zmav.services.authority.bounds import FORCE, Bounds
+from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.clearance import FORCE
 from zmav.services.companion import Companion
 from zmav.services.missions.items import Raw, ends_at
 from zmav.services.missions.missions import Missions
