@@ -45,17 +45,16 @@ def hear_proven(
     """
     member, newest = z.member, dict[Place, float]()
 
-    def take(samples: list[zenoh.Sample]) -> None:
-        for sample in samples:
-            where, payload = str(sample.key_expr), sample.payload.to_bytes() if len(sample.payload) <= largest else b""
-            try:
-                found = read(payload)
-                if member is not None:
-                    member.judge(where, payload, attached(sample), newest)
-                if keys.hears(key, where):
-                    hear(where, found)
-            except (Forbidden, BadInput):
-                refuse()
+    def take(sample: zenoh.Sample) -> None:
+        where, payload = str(sample.key_expr), sample.payload.to_bytes() if len(sample.payload) <= largest else b""
+        try:
+            found = read(payload)
+            if member is not None:
+                member.judge(where, payload, attached(sample), newest)
+            if keys.hears(key, where):
+                hear(where, found)
+        except (Forbidden, BadInput):
+            refuse()
 
     return Intake(z.session.declare_subscriber, key, take, most)
 

@@ -101,7 +101,7 @@ class Client:
         loop = asyncio.get_running_loop()
         if self.member is not None:
             roster = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER)
-            self._rosters = Intake(session.declare_subscriber, roster, self._on_rosters, ROSTERS_WAITING)
+            self._rosters = Intake(session.declare_subscriber, roster, self._on_roster, ROSTERS_WAITING)
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
         role = keys.REPLAY if keys.is_replay(self.fleet_name) else keys.VEHICLE
         alive = keys.ALIVE.key(self.fleet_name, "*", role=role, sys="*", autopilot="*", uid="*", instance="*")
@@ -227,11 +227,10 @@ class Client:
             return False
         return True
 
-    def _on_rosters(self, samples: list[zenoh.Sample]) -> None:
-        """In a thread of their own: anybody may bring them, however fast."""
+    def _on_roster(self, sample: zenoh.Sample) -> None:
+        """In a thread of its own: anybody may bring them, however fast."""
         assert self.member is not None
-        for sample in samples:
-            self.member.take_roster(sample.payload.to_bytes())
+        self.member.take_roster(sample.payload.to_bytes())
 
     def _on_state(self, sample: zenoh.Sample) -> None:
         place = _place(sample)

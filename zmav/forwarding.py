@@ -6,7 +6,6 @@ fit is counted and said in ``event``.
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Callable
 
@@ -23,7 +22,6 @@ from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.gate import Prove
 
-logger = logging.getLogger(__name__)
 MOST_WAITING = 512
 """Others' frames that are looked at in 5 ms, the newest: a burst of a ground station's fits."""
 ADDRESS = re.compile(r"0|[1-9]\d{0,2}", re.ASCII)
@@ -57,7 +55,7 @@ class FrameForwarder:
         adapter = self._adapter
         if not adapter.link.recorded:
             tx = keys.TX.key(adapter.fleet, adapter.name, sys="*", comp="*", msg="*")
-            self._intake = Intake(adapter.session.declare_subscriber, tx, self._take_all, MOST_WAITING)
+            self._intake = Intake(adapter.session.declare_subscriber, tx, self._on_tx, MOST_WAITING)
 
     def close(self) -> None:
         if self._intake is not None:
@@ -65,13 +63,6 @@ class FrameForwarder:
             self._intake = None
 
     # In the intake's thread.
-
-    def _take_all(self, samples: list[zenoh.Sample]) -> None:
-        for sample in samples:
-            try:
-                self._on_tx(sample)
-            except Exception:  # a station's next frame may be behind it
-                logger.exception("not taken")
 
     def _on_tx(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)

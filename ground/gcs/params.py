@@ -8,7 +8,7 @@ set is not known to its agent yet: then who waits for the list gets them as they
 
 Other components' parameters (a gimbal's) are theirs and pass; a list for all components is the autopilot's. ArduPilot's
 parameter file (``@PARAM/param.pck`` by MAVFTP), which QGroundControl asks for first, is denied: it then asks for the
-list.
+list. So is the writing of a plan or of parameters as a file: the station then sends the messages, which become orders.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
 from ground.gcs.kinds import Place
 from ground.gcs.param_copy import ParamCopy, ParamValue, read_value
-from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
+from ground.gcs.request_handlers import Handler, HandlersByClient, RequestHandlers
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink import Frame, decode, paramvalue
-from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
+from zmav.mavlink.ftp import Nak, Op, Packet, check_request, pack, unpack
 from zmav.mavlink.packed_params import PATH
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.params.values import is_name
@@ -85,15 +85,27 @@ class Params(Answerer):
 
     def offer(self, client: Client, frame: Frame) -> bool:
         name = self._dialect.name_of(frame.msgid)
-        if not self._ground.is_for_autopilots(client, frame) or (name == FTP and not self._opens_the_file(frame)):
+        if not self._ground.is_for_autopilots(client, frame):
             return False
         handlers = {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
-        self._by_client.of(client).ask(handlers.get(name, self._deny_file), frame)
-        return True
+        handler = self._denial(frame) if name == FTP else handlers[name]
+        if handler is not None:
+            self._by_client.of(client).ask(handler, frame)
+        return handler is not None
 
-    def _opens_the_file(self, frame: Frame) -> bool:
-        packet = unpack(decode(frame, self._dialect)["payload"])
-        return packet.opcode == Op.OPEN_FILE_RO and packet.data.rstrip(b"\0") == PATH.encode()
+    def _denial(self, frame: Frame) -> Handler | None:
+        """What denies a request for a file; None: it is between the client and the autopilot."""
+        payload, nak, why = decode(frame, self._dialect)["payload"], Nak.FILE_NOT_FOUND, ""
+        asked = unpack(payload)
+        try:
+            check_request(payload)
+        except BadInput as e:
+            nak, why = Nak.FILE_PROTECTED, f"not written: {e}"
+        else:
+            if asked.opcode != Op.OPEN_FILE_RO or asked.data.rstrip(b"\0") != PATH.encode():
+                return None
+        denied = Packet(asked.seq + 1, asked.session, Op.NAK, 1, asked.opcode, data=bytes((nak,)))
+        return lambda handlers, frame: self._deny_file(handlers, frame, denied, why)
 
     def withhold(self, origin: Origin, data: bytes) -> bool:
         if not self._ground.is_autopilot(origin.sysid, origin.compid):
@@ -210,12 +222,12 @@ class Params(Answerer):
             about = {"param_id": name[:16], "param_index": place, "error": DOES_NOT_EXIST}
             handlers.answer(system.pack("PARAM_ERROR", **target, **about))
 
-    def _deny_file(self, handlers: RequestHandlers, frame: Frame) -> None:
-        asked = unpack(decode(frame, self._dialect)["payload"])
-        denied = Packet(asked.seq + 1, asked.session, Op.NAK, 1, asked.opcode, data=bytes((Nak.FILE_NOT_FOUND,)))
+    def _deny_file(self, handlers: RequestHandlers, frame: Frame, denied: Packet, why: str) -> None:
         target = {"target_network": 0, "target_system": frame.sysid, "target_component": frame.compid}
         for system in self.meant(handlers, frame):
             handlers.answer(system.pack(FTP, **target, payload=pack(denied)))
+            if why:
+                handlers.tell(system.sysid, "warning", why)
 
     # Setting.
 

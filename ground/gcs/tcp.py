@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import math
 import select
 import socket
+import time
 
 from ground.gcs.client import Client
 from ground.gcs.options import Endpoint
 from ground.gcs.places import MOST_CLIENTS, Hub, SocketEndpoint
+from zmav.links.base import Backoff
 from zmav.links.sockets import DONTWAIT, MAX_READ, READ_WAKE_S, bind_error, resolve, show
 from zmav.links.tcp import set_stream_options, shut
 
 WEB = (b"GET ", b"POST ", b"PUT ", b"HEAD ", b"OPTIONS ", b"DELETE ", b"PATCH ")
 """how a browser begins: any web page may have it send something to this computer, and frames within that would fly"""
+EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+"""why a station that waits cannot be let in, and goes on waiting"""
 
 
 class Connection:
@@ -48,6 +54,10 @@ class TcpIn(SocketEndpoint):
         super().__init__(endpoint, hub)
         self._clients: dict[int, tuple[Client, Connection]] = {}
         self._poll = select.poll()
+        self._backoff, self._again = Backoff(), math.inf
+        """monotonic s at which it is looked for stations again, where none could be let in"""
+        self._full = False
+        """that none can be let in was said, and none was since"""
 
     @property
     def clients(self) -> list[Client]:
@@ -77,6 +87,9 @@ class TcpIn(SocketEndpoint):
         assert self._sock is not None
         listener = self._sock.fileno()
         while not self._closing.is_set():
+            if time.monotonic() >= self._again:
+                self._poll.register(listener, select.POLLIN)
+                self._again = math.inf
             for fd, _ in self._poll.poll(READ_WAKE_S * 1000):
                 if fd == listener:
                     self._accept(self._sock)
@@ -86,9 +99,16 @@ class TcpIn(SocketEndpoint):
     def _accept(self, listener: socket.socket) -> None:
         try:
             sock, address = listener.accept()
-        except OSError:  # it went away again, or we have no descriptor left for it
-            self._closing.wait(0.01)
-            return
+        except OSError as error:
+            if error.errno in EXHAUSTED:  # it waits on: to try at once would keep the thread from who is there
+                self._poll.unregister(listener)
+                self._again = time.monotonic() + self._backoff.next()
+                if not self._full:
+                    self._hub.news(f"tcp: no station can be let in: {error.strerror}")
+                self._full = True
+            return  # else it went away again
+        self._backoff.reset()
+        self._full = False
         if len(self._clients) >= MOST_CLIENTS:
             self.turned_away += 1
             sock.close()

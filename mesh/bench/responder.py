@@ -52,16 +52,15 @@ class Responder:
 
         lanes = {"order": channel(self._prove, self._ordered), "report": channel(anybody, self._reported)}
 
-        def sort(queries: list[zenoh.Query]) -> None:
+        def sort(query: zenoh.Query) -> None:
             came = time.monotonic_ns()
-            for query in queries:
-                *_, what, name = str(query.key_expr).split("/")
-                if name == "ping":
-                    self._pong(query, came)
-                elif what in lanes and "*" not in name:
-                    self.questions.put(lanes[what], query)
-                else:
-                    query.drop()  # somebody looks around with a wildcard: that is no order
+            *_, what, name = str(query.key_expr).split("/")
+            if name == "ping":
+                self._pong(query, came)
+            elif what in lanes and "*" not in name:
+                self.questions.put(lanes[what], query)
+            else:
+                query.drop()  # somebody looks around with a wildcard: that is no order
 
         # One queryable is cheaper than three.
         key = f"{keys.ROOT}/{self._fleet}/{self._host}/bench/**"

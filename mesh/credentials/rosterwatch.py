@@ -26,6 +26,7 @@ from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.process import log
+from zmav.services.link.port import one_waits
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
@@ -73,7 +74,7 @@ class RosterWatch:
         loop = asyncio.get_running_loop()
         self._questions = Questions(self._session, Answers(None, None), anybody)
         self._questions.declare(self._key, lambda query: self._answer(query, loop), parameters=("newer",))
-        take = on_loop(loop, self._on_samples)  # a batch at a time: anybody may put them, as fast as he likes
+        take = one_waits(loop, self._on_sample)  # anybody may put them, as fast as he likes
         self._declared = [self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True)]
         self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)
         self._tasks = [loop.create_task(self._tell())]
@@ -140,10 +141,9 @@ class RosterWatch:
     def _rules_by(self, roster: Roster) -> dict[str, Any]:
         return access_control(self._plan.file, self._credentials.fleet, self._credentials.name, roster)
 
-    def _on_samples(self, samples: list[zenoh.Sample]) -> None:
-        for sample in samples:
-            with contextlib.suppress(BadInput):
-                self._take(sample.payload.to_bytes())
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(BadInput):
+            self._take(sample.payload.to_bytes())
 
     def _take(self, data: bytes) -> None:
         try:

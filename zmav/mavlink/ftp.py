@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from zmav.errors import BadInput
+
 _HEADER = struct.Struct("<HBBBBBxI")
 """seq_number, session, opcode, size, req_opcode, burst_complete, padding, offset"""
 PAYLOAD = 251
@@ -42,6 +44,20 @@ class Op(enum.IntEnum):
     BURST_READ_FILE = 15
     ACK = 128
     NAK = 129
+
+
+_WRITING = frozenset(
+    {
+        Op.CREATE_FILE,
+        Op.REMOVE_FILE,
+        Op.CREATE_DIRECTORY,
+        Op.REMOVE_DIRECTORY,
+        Op.OPEN_FILE_WO,
+        Op.TRUNCATE_FILE,
+        Op.RENAME,
+    }
+)
+"""requests that change what they name. WRITE_FILE names a session: what has opened that is judged"""
 
 
 class Nak(enum.IntEnum):
@@ -121,6 +137,30 @@ def unpack(payload: bytes | Sequence[int]) -> Packet:
     seq, session, opcode, size, req_opcode, burst_complete, offset = _HEADER.unpack_from(whole)
     data = whole[_HEADER.size : _HEADER.size + size]
     return Packet(seq, session, opcode, size, req_opcode, bool(burst_complete), offset, data)
+
+
+def is_generated(path: str) -> bool:
+    """An ArduPilot file that is made as it is read (``@PARAM/param.pck``). Its size is a guess, and it is laid out for
+    reads of one size: its checksum is that of other reads than ours.
+    """
+    return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")
+
+
+def check_written(path: str) -> None:
+    """Raise :class:`BadInput` where nobody may write ``path``: ArduPilot takes what is written to a generated file for
+    a plan or for parameters, which nobody would have judged.
+    """
+    if is_generated(path):
+        text = f"{path} is no file on the autopilot's disk: mission_upload writes plans, and param_set parameters"
+        raise BadInput(text, field="path", value=path, expected="another file")
+
+
+def check_request(payload: bytes | Sequence[int]) -> None:
+    """:func:`check_written` for all that a request would write, whatever size it says that its names have."""
+    whole = bytes(payload)
+    if unpack(whole).opcode in _WRITING:
+        for name in whole[_HEADER.size :].split(b"\0"):  # RENAME has two
+            check_written(name.decode("utf-8", "replace"))
 
 
 class DirectoryEntry(NamedTuple):

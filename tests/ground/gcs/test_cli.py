@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import resource
 import signal
 import socket
 import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -27,47 +31,76 @@ if TYPE_CHECKING:
 PATIENCE_S = 60.0
 
 
-async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
-    one = scene.craft("quad1", 1)
+class Bridge:
+    """``zmav gcs`` with a ``--tcp`` port; ``said`` is what it wrote so far."""
+
+    def __init__(self, program: asyncio.subprocess.Process, port: int) -> None:
+        self.program, self.port, self.said = program, port, ""
+
+    async def until(self, words: str) -> None:
+        while words not in self.said:
+            assert self.program.stderr is not None
+            line = (await within(PATIENCE_S, self.program.stderr.readline())).decode()
+            assert line, self.said
+            self.said += line
+
+    async def station(self) -> Station:
+        return Station(await asyncio.to_thread(socket.create_connection, ("127.0.0.1", self.port)))
+
+
+@contextlib.asynccontextmanager
+async def bridge(scene: Scene) -> AsyncIterator[Bridge]:
     port = free_port()
-    program = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "zmav",
-        "gcs",
-        "-e",
-        scene.router_endpoint,
-        "--tcp",
-        f"{port}?rate=50kB/s",
-        stderr=asyncio.subprocess.PIPE,
-    )
+    arguments = ("-m", "zmav", "gcs", "-e", scene.router_endpoint, "--tcp", f"{port}?rate=50kB/s")
+    program = await asyncio.create_subprocess_exec(sys.executable, *arguments, stderr=asyncio.subprocess.PIPE)
     try:
-        assert program.stderr is not None
-        said = ""
-
-        async def until(words: str) -> None:
-            nonlocal said
-            while words not in said:
-                assert program.stderr is not None
-                line = (await within(PATIENCE_S, program.stderr.readline())).decode()
-                assert line, said
-                said += line
-
-        await until(f"tcp: waiting for stations at 127.0.0.1:{port} (50000 B/s)")
-        one.publish_state()
-        await until("quad1 is there: system 1, copter, ardupilot")
-        station = Station(await asyncio.to_thread(socket.create_connection, ("127.0.0.1", port)))
-        station.beat()
-        await until("is 255/190 (GCS)")
-        await station.gets(one.says("ATTITUDE"))
-        station.close()
-        await until("is gone: closed the connection")
-        program.send_signal(signal.SIGTERM)
-        assert await within(PATIENCE_S, program.wait()) == 0
+        yield Bridge(program, port)
     finally:
         if program.returncode is None:
             program.kill()
             await program.wait()
+
+
+async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
+    one = scene.craft("quad1", 1)
+    async with bridge(scene) as gcs:
+        await gcs.until(f"tcp: waiting for stations at 127.0.0.1:{gcs.port} (50000 B/s)")
+        one.publish_state()
+        await gcs.until("quad1 is there: system 1, copter, ardupilot")
+        station = await gcs.station()
+        station.beat()
+        await gcs.until("is 255/190 (GCS)")
+        await station.gets(one.says("ATTITUDE"))
+        station.close()
+        await gcs.until("is gone: closed the connection")
+        gcs.program.send_signal(signal.SIGTERM)
+        assert await within(PATIENCE_S, gcs.program.wait()) == 0
+
+
+async def test_where_it_has_no_descriptor_left_it_says_so_once_and_lets_stations_in_again(scene: Scene) -> None:
+    """Whoever is there is served meanwhile."""
+    one = scene.craft("quad1", 1)
+    async with bridge(scene) as gcs:
+        await gcs.until("tcp: waiting for stations")
+        one.publish_state()
+        await gcs.until("quad1 is there")
+        first = await gcs.station()
+        first.beat()
+        await gcs.until("is 255/190 (GCS)")
+        pid = gcs.program.pid
+        soft, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+        used = {int(each.name) for each in Path(f"/proc/{pid}/fd").iterdir()}
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, (min(set(range(len(used) + 1)) - used), hard))
+        second = await gcs.station()
+        await gcs.until("tcp: no station can be let in: Too many open files")
+        await first.gets(one.says("ATTITUDE"))
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, (soft, hard))
+        second.beat()
+        await gcs.until(f"{second.sock.getsockname()[1]} is 255/190 (GCS)")
+        await second.gets(one.says("ATTITUDE"))
+        assert gcs.said.count("no station can be let in") == 1
+        first.close()
+        second.close()
 
 
 @pytest.mark.parametrize("role", ["viewer", "planner", "operator"])

@@ -251,6 +251,26 @@ def test_other_files_are_between_the_client_and_the_autopilot(fleet: Fleet, gcs:
     wait_until(lambda: fleet.bridge.uplink.sent == sent + 2, "two frames for the vehicle")
 
 
+@pytest.mark.parametrize(
+    ("op", "names"),
+    [
+        (Op.CREATE_FILE, "@PARAM/param.pck"),
+        (Op.OPEN_FILE_WO, "/@MISSION/mission.dat"),
+        (Op.REMOVE_FILE, "@MISSION/fence.dat"),
+        (Op.RENAME, "/APM/plan\0@MISSION/rally.dat"),
+    ],
+    ids=["parameters", "a plan", "removed", "renamed"],
+)
+def test_nobody_writes_a_plan_or_parameters_as_a_file(fleet: Fleet, gcs: Caller, op: Op, names: str) -> None:
+    """Nobody would have judged where it leads, or whether its writer may: the messages for it become orders."""
+    gcs.silent_about("_NOTHING")  # the heartbeat before it has gone to the vehicles
+    sent = fleet.bridge.uplink.sent
+    denied = ftp(gcs, Packet(20, 0, op, len(names), data=names.encode()))
+    assert (denied.opcode, denied.req_opcode, denied.nak) == (Op.NAK, op, Nak.FILE_PROTECTED)
+    gcs.wait(lambda: "mission_upload writes plans" in gcs.texts(), "what to do instead")
+    assert fleet.bridge.uplink.sent == sent
+
+
 def ftp(caller: Caller, packet: Packet) -> Packet:
     answer = caller.answer("FILE_TRANSFER_PROTOCOL", "FILE_TRANSFER_PROTOCOL", ARDUPILOT, payload=pack(packet))
     assert (answer["target_system"], unpack(answer["payload"]).seq) == (255, packet.seq + 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -26,6 +26,9 @@ from tests.services.missions.mission_peer import (
 )
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
 from zmav.services.missions.transfer import TransferTimes
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
 
 
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
@@ -242,6 +245,25 @@ async def test_one_transaction_at_a_time(mission_bench: MissionBench) -> None:
     runs = [kind for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
     assert len(runs) <= 4, runs  # each to its end before the next
     assert [len(peer.plans[kind]) for kind in (MISSION, FENCE, RALLY)] == [7, 4, 1]
+
+
+@pytest.mark.parametrize("style", ["ardupilot", "px4"])
+async def test_two_clients_that_upload_at_once_mix_nothing(mission_bench: MissionBench, net: Net, style: str) -> None:
+    """Over a link that delays and loses: what was late from the one upload goes into none of the other."""
+    b, peer = await mission_bench(style)
+    peer.delay, peer.loss, peer.time = 0.01, 0.05, 0.1
+    plans, grounds = [waypoints(12, alt) for alt in (30.0, 60.0)], [b.ground, net.ground(b.endpoint)]
+    for _ in range(3):
+        told = len(peer.told)
+        await asyncio.gather(*(g.do("mission_upload", items=p) for g, p in zip(grounds, plans, strict=True)))
+        runs: list[list[float]] = []
+        for each in peer.told[told:]:
+            if each.name == "MISSION_COUNT":
+                runs.append([])
+            elif each.name == "MISSION_ITEM_INT" and each.fields["seq"]:  # the first one may be home
+                runs[-1].append(each.fields["z"])
+        assert all(len({z >= 60.0 for z in run}) == 1 for run in runs if run), runs
+        assert peer.stored() in [raw(p) for p in plans]
 
 
 async def test_readers_at_the_same_time_share_one_download(mission_bench: MissionBench) -> None:

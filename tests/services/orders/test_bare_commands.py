@@ -73,6 +73,17 @@ async def test_a_mode_that_nobody_knows_is_not_entered_by_a_bare_command(bench: 
     assert b.peer.commands(SET_MODE) == []
 
 
+async def test_where_no_mode_is_known_one_is_entered_with_force_alone(bench: StartBench) -> None:
+    """It may be the one that flies a mission, whose places nobody has judged."""
+    b = await (await bench(autopilot=GENERIC)).connected()
+    params = {"param1": 1.0, "param2": 3.0}
+    with pytest.raises(BadInput, match=r"no mode is known that .* enters on this generic copter.*--force"):
+        await b.ground.do("command", command="DO_SET_MODE", params=params)
+    assert b.peer.commands(SET_MODE) == []
+    await b.ground.do("command", command="DO_SET_MODE", params=params, force=True)
+    assert b.peer.commands(SET_MODE)
+
+
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4, GENERIC])
 async def test_a_standard_mode_is_not_entered_by_a_bare_command(bench: StartBench, autopilot: int) -> None:
     """One of them flies the mission, whose places nobody would have judged."""

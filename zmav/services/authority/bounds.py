@@ -18,7 +18,7 @@ from zmav.autopilots.moving import LANDINGS, SET_HOME, Speed, home_by, leads_to
 from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
 from zmav.services.authority import limits as limit
-from zmav.services.authority.clearance import Clearance, Place
+from zmav.services.authority.clearance import FORCE, Clearance, Place
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
 from zmav.services.link.reported import FRESH, fields_of, in_the_air
@@ -30,7 +30,6 @@ NO_FIX = 1_000_000
 WIDEN = "nobody has declared more for this vehicle: [geofence] and [limits] in its fleet file do"
 HOME_STEP = 10.0
 """m by which home may be raised or lowered: heights, the bounds' too, count from it"""
-FORCE = "; an operator's order with force (--force) passes once"
 
 
 class Bounds:

@@ -21,6 +21,7 @@ EDGE = 0.5
 """m: a way that is level over level ground is no lower than it was"""
 LEAVES = 50.0
 """m over the ground from where a vehicle is that is lower than is declared: within them it climbs away"""
+FORCE = "; an operator's order with force (--force) passes once"
 COLUMN = 3.0
 """m over the ground from where a way ends to land: there it may come down"""
 
@@ -77,12 +78,6 @@ class Clearance:
                 raise self._too_low(place, above, None)
             least = max(least, min(self._least, above - EDGE))
 
-    def above(self, place: Place, stood: Place | None) -> float | None:
-        """m above the ground; None where that is not known, which is refused where the fleet file declares a
-        clearance.
-        """
-        return self._above(place, self._offset(stood))
-
     def above_sea(self, lat_deg: float, lon_deg: float, height: float, stood: Place | None) -> float | None:
         """What a height above the ground is above the sea; None where the ground is not known, which is refused where
         the fleet file declares a clearance.
@@ -127,7 +122,7 @@ class Clearance:
         if self._declared is not None:
             expected = f"at least {self._declared:g} m above the ground"
             return BadInput(f"{text}; expected {expected}", field="pos", value=above, expected=expected, count="ground")
-        hint = "; an operator's order with force (--force) passes once" if force is False else ""
+        hint = FORCE if force is False else ""
         return BadInput(text + hint, field="pos", value=above, expected="above the ground", count="ground")
 
 

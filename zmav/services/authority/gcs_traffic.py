@@ -1,7 +1,8 @@
 """What other stations put on ``mav/tx``, held against who commands the vehicle.
 
 A ground station that changes the mode takes the vehicle from every agent, as a pilot does, and is known before the
-HEARTBEAT shows it. Its setpoints wait for the agent that holds the lease: two streams at once fly neither.
+HEARTBEAT shows it. Its setpoints wait for the agent that holds the lease: two streams at once fly neither. Plans
+and parameters that it would write as files of MAVFTP, which nobody would judge, do not go out.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import NamedTuple
 
 from zmav.autopilots.safety import changes_mode, makes_safe
 from zmav.mavlink import Frame, decode
+from zmav.mavlink.ftp import check_request
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove
 from zmav.services.companion import Companion
@@ -25,7 +27,7 @@ STREAMED = (
 )
 GUIDED_ITEMS, GUIDED = ("MISSION_ITEM", "MISSION_ITEM_INT"), (2, 3)
 """and ``current`` of those that are no plan's: a place that ArduPilot flies to now, and a height"""
-SET_MODE = "SET_MODE"
+SET_MODE, FILES = "SET_MODE", "FILE_TRANSFER_PROTOCOL"
 
 
 class TakenByStation(NamedTuple):
@@ -51,12 +53,15 @@ class GcsTraffic:
         )
 
     def admit(self, frame: Frame) -> None:
-        """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease, and
+        """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease,
+        :class:`~zmav.errors.BadInput` for a file that is written in place of a plan or of parameters, and
         :class:`~zmav.errors.Clash` where two claim to be the vehicle; what makes it safe passes, to both.
         """
         autopilot = self._identity.autopilot
         if autopilot is None or not makes_safe(frame, self._port.dialect, autopilot):
             self._guard()
+        if self._port.dialect.name_of(frame.msgid) == FILES:
+            check_request(decode(frame, self._port.dialect)["payload"])
         if self._leases.holder is None:
             return
         guided = frame.msgid in self._items and decode(frame, self._port.dialect)["current"] in GUIDED

@@ -96,7 +96,7 @@ class Separation:
         if self.on or (self._mates and self._origin is not None):
             ours, all_of_them = (keys.BEACON.key(self._port.fleet, name) for name in (self._port.name, "*"))
             self._publisher = self._session.declare_publisher(ours, **keys.BEACON.publishing())
-            self._intake = Intake(self._session.declare_subscriber, all_of_them, self._take_all, MOST_WAITING)
+            self._intake = Intake(self._session.declare_subscriber, all_of_them, self._on_beacon, MOST_WAITING)
 
     def close(self) -> None:
         if self._intake is not None:
@@ -127,10 +127,6 @@ class Separation:
         if self._said is None or abs(beacon.t - self._said.t) > quiet or _differ(self._said, beacon) > DIFFERS:
             self._said = beacon
             publisher.put(wire.encode(beacon))
-
-    def _take_all(self, samples: list[zenoh.Sample]) -> None:
-        for sample in samples:
-            self._on_beacon(sample)
 
     def _on_beacon(self, sample: zenoh.Sample) -> None:
         name = str(sample.key_expr).split("/")[2]
@@ -214,16 +210,13 @@ class Separation:
         """Where a target has it in ``t`` seconds: metres NED."""
         assert self._origin is not None
         if target.lat_deg is None or target.lon_deg is None:
-            north, east, down = target.vel or (0.0, 0.0, 0.0)
-            return pos[0] + north * t, pos[1] + east * t, pos[2] + down * t
+            return geo.plus(pos, target.vel or (0.0, 0.0, 0.0), t)
         north, east, down = geo.to_ned(self._origin, target.lat_deg, target.lon_deg, target.alt_amsl or 0.0)
         return north, east, pos[2] if target.alt_amsl is None else down
 
     def _toward(self, pos: wire.Vector, place: wire.Vector, t: float) -> wire.Vector:
         reach, away = self._body().speed * t, math.dist(pos, place)
-        share = 1.0 if away <= reach else reach / away
-        n, e, d = (a + (b - a) * share for a, b in zip(pos, place, strict=True))
-        return n, e, d
+        return geo.between(pos, place, 1.0 if away <= reach else reach / away)
 
     def _allowed(self, vel: wire.Vector) -> bool:
         try:
@@ -239,24 +232,20 @@ class Separation:
         if heard is None or heard.age > FRESH or self._origin is None:
             return None
         p: Mapping[str, Any] = decode(heard.frame, self._port.dialect)
-        n, e, d = geo.to_ned(self._origin, p["lat"] / 1e7, p["lon"] / 1e7, p["alt"] / 1e3)
-        vel, age = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0), heard.age
-        return (n + vel[0] * age, e + vel[1] * age, d + vel[2] * age), vel, p["relative_alt"] / 1e3
+        place = geo.to_ned(self._origin, p["lat"] / 1e7, p["lon"] / 1e7, p["alt"] / 1e3)
+        vel = p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0
+        return geo.plus(place, vel, heard.age), vel, p["relative_alt"] / 1e3
 
 
 def _ahead(beacon: wire.swarm.Beacon, age: float) -> Track:
     """Where its sender will be from now on, by a beacon ``age`` seconds old: straight from place to place."""
-    n, e, d = beacon.vel
-    p = beacon.pos
-    places = [p, *(beacon.ahead or [(p[0] + n * t, p[1] + e * t, p[2] + d * t) for t in AHEAD])]
+    places = [beacon.pos, *(beacon.ahead or [geo.plus(beacon.pos, beacon.vel, t) for t in AHEAD])]
     times = (0.0, *AHEAD)[: len(places)]
     track = []
     for k in range(STEPS + 1):
         t = age + k * STEP
         i = max(0, min(len(times) - 2, sum(x <= t for x in times) - 1))
-        a, b = places[i], places[min(i + 1, len(places) - 1)]
-        share = (t - times[i]) / (AHEAD[0])
-        track.append((a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share))
+        track.append(geo.between(places[i], places[min(i + 1, len(places) - 1)], (t - times[i]) / AHEAD[0]))
     return track
 
 

@@ -99,11 +99,9 @@ class Setpoints:
         key = keys.SETPOINT.key(self._port.fleet, self._port.name, agent="*")
         wake = on_loop(asyncio.get_running_loop(), self._wake)
 
-        def take(samples: list[zenoh.Sample]) -> None:
-            for sample in samples:
-                if (heard := self._sealed(sample)) is not None:
-                    self._waiting.append(heard)
-            if self._waiting:
+        def take(sample: zenoh.Sample) -> None:
+            if (heard := self._sealed(sample)) is not None:
+                self._waiting.append(heard)
                 wake()
 
         self._intake = Intake(self._session.declare_subscriber, key, take, MOST_HEARD)

@@ -16,7 +16,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
-from zmav.mavlink.ftp import Nak, Op, crc32
+from zmav.mavlink.ftp import Nak, Op, check_written, crc32, is_generated
 from zmav.services.companion import Companion
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.store import Meta, PartialFile, Store
@@ -72,11 +72,7 @@ class Files:
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
         args.check()
-        if generated(args.path):
-            text = (
-                f"{args.path} is no file on the autopilot's disk: mission_upload writes plans, and param_set parameters"
-            )
-            raise BadInput(text, field="path", value=args.path, expected="another file")
+        check_written(args.path)
         return await self.transfer(self._put(args, report))
 
     async def _put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
@@ -131,7 +127,7 @@ class Files:
         async with contextlib.AsyncExitStack() as stack:
 
             def begin(size: int) -> PartialFile:
-                size = max(size, GENERATED) if generated(path) else size
+                size = max(size, GENERATED) if is_generated(path) else size
                 part = self.store.open(path, identity, size, resume=resume)
                 stack.push_async_exit(part)
                 return part
@@ -142,7 +138,7 @@ class Files:
 
     async def _crc(self, path: str, report: Report) -> int | None:
         """The autopilot's checksum; None where it cannot give one, or none that fits what we read."""
-        if generated(path):
+        if is_generated(path):
             return None
         report({"checking": True})
         try:
@@ -197,11 +193,3 @@ class Files:
         if asked.offset < 0 or asked.length < 0:
             raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
         return asked
-
-
-def generated(path: str) -> bool:
-    """An ArduPilot file that is made as it is read (``@PARAM/param.pck``). Its size is a guess, and it is laid out for
-    reads of one size: its checksum is that of other reads than ours. Where such a file is written, ArduPilot takes it
-    for a plan or parameters, which nobody would have judged.
-    """
-    return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")

@@ -26,6 +26,12 @@ class VehicleChanged(NamedTuple):
     """Who the vehicle is, its mode or the one intended, its arming, or whether two claim to be it. On the loop."""
 
 
+class VehicleExchanged(NamedTuple):
+    """Another autopilot than before is behind the link, or it has another firmware; which, in words. On the loop."""
+
+    text: str
+
+
 class Identity:
     """The autopilot behind the link: its address, rules, uid, and whether it is heard. Lives on the event loop."""
 
@@ -42,6 +48,8 @@ class Identity:
         """its MAV_AUTOPILOT"""
         self.uid: str | None = None
         self.firmware: str | None = None
+        self._said: tuple[str | None, str | None] = (None, None)
+        """the uid and the firmware that it said last, whether it was silent since or not"""
         self.heartbeat: Mapping[str, Any] | None = None
         self._custom = 0
         """the custom mode by HEARTBEAT or what tells it sooner, whichever came last"""
@@ -143,15 +151,18 @@ class Identity:
         return bool(self.mav_type == fields["type"] and self.autopilot and self.autopilot.name == wanted.name)
 
     def _adopt(self, source: tuple[int, int], fields: Mapping[str, Any]) -> None:
+        first = self.autopilot is None
         self.autopilot = autopilot_for(fields["autopilot"], fields["type"])
         self.source, self.mav_type, self._intended = source, fields["type"], None
         self._stack = fields["autopilot"]
         self.uid = self.firmware = None
+        self._said = (None, None)
         self._uids.clear()
         self._asked = 0.0
-        self._events.emit(
-            "autopilot", "notice", f"{self.autopilot.name} {self.kind} with system id {source[0]}", sysid=source[0]
-        )
+        words = f"{self.autopilot.name} {self.kind} with system id {source[0]}"
+        self._events.emit("autopilot", "notice", words, sysid=source[0])
+        if not first:
+            self._port.bus.tell(VehicleExchanged(f"another autopilot: {words}"))
         self._port.bus.tell(VehicleChanged())
 
     def _say_other(self, source: tuple[int, int]) -> None:
@@ -183,11 +194,20 @@ class Identity:
         version = fields["flight_sw_version"]
         self.firmware = f"{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}" if version else None
         uid = _uid(fields)
-        if uid is None:
-            return
-        self._uids[uid] = time.monotonic()
-        if self.uid is None:
-            self.uid = uid
+        if uid is not None:
+            self._uids[uid] = time.monotonic()
+        if self.uid in (None, uid):
+            self._take(uid)
+
+    def _take(self, uid: str | None) -> None:
+        """It says who it is, and its firmware."""
+        known, before, self.uid = self.uid, self._said, uid
+        self._said = uid or before[0], self.firmware or before[1]
+        if before[0] not in (None, self._said[0]):
+            self._port.bus.tell(VehicleExchanged(f"another autopilot: uid {uid}"))
+        elif before[1] not in (None, self._said[1]):
+            self._port.bus.tell(VehicleExchanged(f"another firmware: {self.firmware}"))
+        if uid != known:
             self._port.bus.tell(VehicleChanged())
 
     def tick(self) -> None:
@@ -210,8 +230,7 @@ class Identity:
         if len(self._uids) > 1 and self.source:
             clash = f"{len(self._uids)} autopilots with system id {self.source[0]} on this link"
         if self.uid not in self._uids and self._uids:
-            self.uid = next(iter(self._uids))
-            self._port.bus.tell(VehicleChanged())
+            self._take(next(iter(self._uids)))
         if clash != self.clash:
             self.clash = clash
             self._port.bus.tell(VehicleChanged())

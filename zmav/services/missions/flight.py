@@ -17,6 +17,7 @@ from zmav.autopilots import Command, Message
 from zmav.autopilots.base import mode_of
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
 from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.clearance import FORCE
 from zmav.services.companion import Companion
 from zmav.services.missions.items import Raw, ends_at
 from zmav.services.missions.missions import Missions
@@ -76,8 +77,8 @@ class MissionFlight:
 
     async def judge_command(self, command: Command, force: bool, report: Report) -> None:
         """The commands that fly a mission, or land by it, lead where the mission does; one that enters a mode, as
-        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known, a standard mode, and a pilot's
-        switch that has an order.
+        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known (with ``force`` it passes where
+        none is, and set_mode can enter none), a standard mode, and a pilot's switch that has an order.
         """
         if command.name in FLIES:
             await self._judge_flown(force, report)
@@ -98,6 +99,9 @@ class MissionFlight:
             elif autopilot.modes():
                 text = f"no mode is known that {command.params[:3]} enters: set_mode enters one by its name"
                 raise BadInput(text, field="params", value=list(command.params[:3]), expected="set_mode")
+            elif not force:  # it may be the one that flies the mission
+                text = f"no mode is known that {command.params[:3]} enters on this {autopilot.name} {autopilot.kind}"
+                raise BadInput(f"{text}{FORCE}", field="params", value=list(command.params[:3]), expected="force")
 
     async def _judge_flown(self, force: bool, report: Report) -> None:
         if self._identity.armed:

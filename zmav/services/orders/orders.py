@@ -227,15 +227,8 @@ class Orders:
         lane = self._questions.channel(lambda query: self._look(query, loop), anybody, signed=True)
         refusals, wake = self._questions.channel(lambda query: iter(()), anybody), on_loop(loop, self._next)
 
-        def sort(queries: list[zenoh.Query]) -> None:
-            for query in queries:
-                try:
-                    put(query, str(query.key_expr))
-                except Exception:  # an order may be behind it
-                    logger.exception("not taken")
-                    query.drop()
-
-        def put(query: zenoh.Query, asked: str) -> None:
+        def sort(query: zenoh.Query) -> None:
+            asked = str(query.key_expr)
             verb = self._known.get(_verb(asked))
             if self._closed or "*" in asked:
                 query.drop()  # somebody looks around with a wildcard: that is no order

@@ -35,12 +35,13 @@ _PRCTL = ctypes.PyDLL(None).prctl if sys.platform == "linux" else None
 
 
 class Intake:
-    """Declares ``key`` and hands what comes to ``take``, a batch at a time, in a thread of its own.
+    """Declares ``key`` and hands each that comes to ``take``, in a thread of its own. What ``take`` raises is logged,
+    and a query dropped then: an order may be behind it.
 
     ``declare``: a session's ``declare_queryable`` or ``declare_subscriber``. ``most``: kept between two batches.
     """
 
-    def __init__(self, declare: Callable[..., Any], key: str, take: Callable[[list[Any]], object], most: int) -> None:
+    def __init__(self, declare: Callable[..., Any], key: str, take: Callable[[Any], object], most: int) -> None:
         self._take, self._most, self._closed = take, most, threading.Event()
         self._declared = declare(key, RingChannel(most))
         threading.Thread(target=self._run, name=f"intake {key}", daemon=True).start()
@@ -60,15 +61,21 @@ class Intake:
                 while len(batch) < self._most and (more := ring.try_recv()) is not None:
                     batch.append(more)
                 began = time.thread_time()
-                try:
-                    self._take(batch)
-                except Exception:
-                    logger.exception("not taken")  # what comes next is: an order may be behind it
+                for each in batch:
+                    self._take_one(each)
                 now = time.monotonic()
                 since, count = (now, len(batch)) if now - since > WINDOW else (since, count + len(batch))
-                del batch
+                del batch, each
                 if count > FREE:
                     self._closed.wait(max(NAP, time.thread_time() - began))
+
+    def _take_one(self, what: zenoh.Query | zenoh.Sample) -> None:
+        try:
+            self._take(what)
+        except Exception:
+            logger.exception("not taken")
+            if isinstance(what, zenoh.Query):
+                what.drop()
 
 
 def _set_slack(nanoseconds: int) -> None:

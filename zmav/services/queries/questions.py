@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import functools
 import logging
 import threading
 import time
@@ -111,9 +112,8 @@ class Questions:
         """Answer what is asked on ``key``; ``admit``: instead of the lane's own. ``parameters`` are those read."""
         channel = self.channel(answer, admit, signed=bool(keys.answerers(key.replace("*", "x"))))
         channel.parameters = parameters
-        self._intakes.append(
-            Intake(self._session.declare_queryable, key, lambda queries: self.put(channel, *queries), MOST)
-        )
+        take = functools.partial(self.put, channel)
+        self._intakes.append(Intake(self._session.declare_queryable, key, take, MOST))
 
     def channel(self, answer: Answer, admit: Prove | None = None, *, signed: bool = False) -> Channel:
         """A channel whose questions come by :meth:`put`."""
@@ -125,30 +125,26 @@ class Questions:
                 self._thread.start()
         return channel
 
-    def put(self, channel: Channel, *queries: zenoh.Query) -> None:
-        """Have them answered, in their turn."""
-        now, dropped = time.monotonic(), list[_Question]()
-        fits = [query for query in queries if self._fits(query, channel.parameters)]
-        with self._news:
-            for query in fits:
-                if len(channel.waiting) >= MOST:
-                    dropped.append(channel.waiting.popleft())
-                channel.waiting.append(_Question(query, now))
-            self.counts["dropped"] += len(dropped)
-            self._news.notify()
-        if dropped:
+    def put(self, channel: Channel, query: zenoh.Query) -> None:
+        """Have it answered, in its turn."""
+        if self._fits(query, channel.parameters) and self._wait(channel, _Question(query, time.monotonic())):
+            with self._news:
+                self.counts["dropped"] += 1
             self.bus.tell(QuestionsDropped())
-        for question in dropped:
-            _end(question)
 
     def refuse(self, channel: Channel, query: zenoh.Query, error: ZmavError) -> None:
         """Answer in words why not, in its turn."""
+        self._wait(channel, _Question(query, time.monotonic(), _refusing(error)))
+
+    def _wait(self, channel: Channel, question: _Question) -> bool:
+        """It has its turn when those before have had theirs; whether the oldest gave way to it."""
         with self._news:
             oldest = channel.waiting.popleft() if len(channel.waiting) >= MOST else None
-            channel.waiting.append(_Question(query, time.monotonic(), _refusing(error)))
+            channel.waiting.append(question)
             self._news.notify()
         if oldest is not None:
             _end(oldest)
+        return oldest is not None
 
     def _fits(self, query: zenoh.Query, parameters: Container[str]) -> bool:
         """What is too large, or has parameters that nobody reads, is refused in words, before it waits."""

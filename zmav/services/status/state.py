@@ -15,6 +15,7 @@ from zmav import geo, keys, wire
 from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
+from zmav.services.link.reported import fields_of
 from zmav.services.queries.questions import Reply
 from zmav.session import is_read
 from zmav.trust.gate import anybody
@@ -107,13 +108,11 @@ class StateService:
 
     def latest(self, name: str) -> Mapping[str, Any] | None:
         """The vehicle's last message of that name where it is fresh enough to decide by."""
-        found = self._heard(name)
-        return found[0] if found and found[1] < FRESH else None
+        return fields_of(self._port, name, self._identity.source, FRESH)
 
     def last(self, name: str) -> Mapping[str, Any] | None:
         """The vehicle's last message of that name, however old."""
-        found = self._heard(name)
-        return found[0] if found else None
+        return fields_of(self._port, name, self._identity.source)
 
     def _heard(self, name: str) -> tuple[Mapping[str, Any], float] | None:
         source = self._identity.source
@@ -153,15 +152,15 @@ class StateService:
 
     def velocity(self) -> wire.Vector | None:
         """m/s, NED, as it was last; None where it does not say."""
-        p = self.last("GLOBAL_POSITION_INT")
-        return (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0) if p else None
+        position = self.last("GLOBAL_POSITION_INT")
+        return _velocity(position) if position else None
 
     def _add_motion(self, state: wire.VehicleState) -> None:
         position = self._heard("GLOBAL_POSITION_INT")
         if position and self._identity.autopilot and self._identity.autopilot.has_position(self.last):
             p, state.ages["position"] = position
             state.position = _place(p)
-            state.velocity = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0)
+            state.velocity = _velocity(p)
             if self.origin:
                 g = state.position
                 north, east, down = geo.to_ned(self.origin, g.lat_deg, g.lon_deg, g.alt_amsl)
@@ -201,6 +200,11 @@ class StateService:
 
 def _known(value: float) -> float | None:
     return round(value, 3) if math.isfinite(value) and value >= 0.0 else None
+
+
+def _velocity(fields: Mapping[str, Any]) -> wire.Vector:
+    """Of a GLOBAL_POSITION_INT."""
+    return fields["vx"] / 100.0, fields["vy"] / 100.0, fields["vz"] / 100.0
 
 
 def _place(fields: Mapping[str, Any]) -> wire.GlobalPosition:

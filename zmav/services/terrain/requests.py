@@ -170,9 +170,6 @@ class TerrainRequests:
         text = f"the autopilot asks for ground that is not here ({', '.join(names[:4])}): 'zmav terrain load'"
         self._events.emit("terrain", "warning", text, limit="terrain", pieces=names)
 
-    def _position(self) -> Any:
-        return fields_of(self._port, "GLOBAL_POSITION_INT", self._identity.source, FRESH)
-
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         """In the lane of questions."""
         report = wire.TerrainReport(
@@ -181,7 +178,8 @@ class TerrainRequests:
             faults=self.terrain.faults.copy(),
             answered=self.answered,
         )
-        position, source = self._position(), self._identity.source
+        source = self._identity.source
+        position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH)
         if position is not None:
             report.height = self.terrain.height(position["lat"] / 1e7, position["lon"] / 1e7)
             report.above = None if report.height is None else position["alt"] / 1e3 - report.height

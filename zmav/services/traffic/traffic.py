@@ -87,20 +87,18 @@ class Traffic:
             asyncio.get_running_loop(), lambda report: self._picture.hear(report, time.monotonic(), time.time())
         )
 
-        def take(samples: list[zenoh.Sample]) -> None:
+        def take(sample: zenoh.Sample) -> None:
             """In the intake's thread: what is not proven comes no further."""
-            for sample in samples:
-                payload = sample.payload.to_bytes() if len(sample.payload) <= BYTES else b""
-                try:
-                    report = read(payload)
-                    if report.instance == self._instance:
-                        continue
+            payload = sample.payload.to_bytes() if len(sample.payload) <= BYTES else b""
+            try:
+                report = read(payload)
+                if report.instance != self._instance:
                     self._told(str(sample.key_expr), payload, attached(sample))
                     hear(report)
-                except Forbidden:
-                    continue  # said and counted by the gate
-                except BadInput as e:
-                    logger.debug("traffic that is none: %s", e)
+            except Forbidden:
+                pass  # said and counted by the gate
+            except BadInput as e:
+                logger.debug("traffic that is none: %s", e)
 
         self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)
         self._receiver.start()
