@@ -78,6 +78,12 @@ class Clearance:
                 raise self._too_low(place, above, None)
             least = max(least, min(self._least, above - EDGE))
 
+    def above(self, place: Place, stood: Place | None) -> float | None:
+        """m above the ground; None where that is not known, which is refused where the fleet file declares a
+        clearance.
+        """
+        return self._above(place, self._offset(stood))
+
     def above_sea(self, lat_deg: float, lon_deg: float, height: float, stood: Place | None) -> float | None:
         """What a height above the ground is above the sea; None where the ground is not known, which is refused where
         the fleet file declares a clearance.
