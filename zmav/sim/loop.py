@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
 LOOK_S = 0.05  # of wall time, between looks at who waits to be flushed, and at how long a client has kept the world
-ALERT_TICKS = 4  # that come on time after somebody spoke: what autopilots say to it is not late
+ALERT_TICKS = 2  # that come on time after somebody spoke: within them autopilots think, and say what they think of it
 
 
 class Calls:
