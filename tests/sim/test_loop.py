@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import selectors
+import statistics
 import threading
 import time
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -125,3 +127,13 @@ def test_who_speaks_is_heard_after_the_ticks_that_were_due() -> None:
     now = 0.075
     assert patient.loop.calls.call(lambda: patient.ticks) == 8
     patient.end()
+
+
+def test_in_a_slow_world_no_tick_waits_for_another() -> None:
+    """Its clients count by a real clock, and hear it each real second."""
+    times = list[float]()
+    world = World(copters=1, endpoint="tcp:0", speed=0.1)
+    world.externals.grant = lambda now: times.append(time.monotonic())  # type: ignore[method-assign]
+    with world:
+        world.wait_for(lambda: len(times) > 15)
+    assert statistics.quantiles([b - a for a, b in pairwise(times)], n=4)[2] < 0.3

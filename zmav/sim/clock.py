@@ -9,7 +9,7 @@ from collections.abc import Callable
 from zmav.errors import BadConfig
 
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
-LATE_S = 0.05  # of simulated time that ticks may wait for each other, where nobody notices: fewer wake-ups
+LATE_S = 0.05  # that ticks may wait for each other, where nobody notices: fewer wake-ups
 MEASURED_S = 1.0  # of wall time over which the speed is told
 SLOW = 0.95  # of the speed asked for: below it the world is behind
 SLOWER = 0.95  # times real time: below it who listens by a real clock is told

@@ -319,12 +319,13 @@ class World:
             self.cameras.tick(now)
 
     def _spare(self) -> int:
-        """How many ticks may come late: until the next that sends telemetry, and by :data:`LATE_S` at most. None where
-        somebody outside follows the clock tick by tick.
+        """How many ticks may come late: until the next that sends telemetry, and by :data:`LATE_S` at most, of the
+        wall's time where that passes more quickly. None where somebody outside follows the clock tick by tick.
         """
         if self.lockstep is not None or self.cameras is not None or self.externals.vehicles or self.pacer.stepping:
             return 0
-        quiet_s = min([LATE_S, *(vehicle.node.next_due - self.time_s for vehicle in self.vehicles)])
+        due_s = min([math.inf, *(vehicle.node.next_due for vehicle in self.vehicles)])
+        quiet_s = min(due_s - self.time_s, LATE_S * min(self.speed, 1.0))
         return max(math.ceil(quiet_s / self.tick_s) - 1, 0)
 
     def _fell_behind(self, seconds: float) -> None:
