@@ -53,19 +53,6 @@ class TestIntervals:
         gaps = [b - a for a, b in itertools.pairwise(stamps)]
         assert max(gaps) - min(gaps) <= 10  # the world's tick
 
-    def test_what_has_one_interval_comes_together_whenever_it_was_asked_for(self, desk: Desk) -> None:
-        desk.world.step(6.0)
-        for number in (ATTITUDE, LOCAL, GLOBAL):
-            assert desk.command(SET_INTERVAL, number, 1e5) == ACCEPTED
-            desk.world.step(0.03)
-        desk.world.step(0.2)
-        desk.clear()
-        desk.world.step(2.0)
-        names = ("ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
-        stamps = [[m["time_boot_ms"] for m in desk.all(name)] for name in names]
-        assert stamps[0] == stamps[1] == stamps[2]
-        assert len(stamps[0]) == 20
-
     def test_can_be_stopped_and_asked_for(self, desk: Desk) -> None:
         assert desk.command(SET_INTERVAL, ATTITUDE, 1e5) == ACCEPTED
         assert desk.command(GET_INTERVAL, ATTITUDE) == ACCEPTED
