@@ -88,13 +88,14 @@ class Streams:
         return self._period.get(name)
 
     def due(self, now: float) -> list[str]:
-        """Names to send now. After the first time a message comes at whole multiples of its period, whatever the step
-        of the clock: so messages come together, as ArduPilot sends those of one interval, and a link wakes its ends
-        less often.
-        """
-        ready = [name for name, when in self._due.items() if now >= when - 1e-9]
-        for name in ready:
-            period = max(self._period[name], self.least)
-            self._due[name] = (math.floor(now / period + 1e-6) + 1) * period
+        """Names to send now. Their next times keep the rate on average, whatever the step of the clock."""
+        ready = []
+        for name, when in self._due.items():
+            if now >= when - 1e-9:
+                ready.append(name)
+                period = max(self._period[name], self.least)
+                following = when + period
+                # After a pause there is nothing to catch up with.
+                self._due[name] = following if following > now - period else now + period
         self.next_due = min(self._due.values(), default=math.inf) - 1e-9
         return ready
