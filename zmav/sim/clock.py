@@ -9,6 +9,7 @@ from collections.abc import Callable
 from zmav.errors import BadConfig
 
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
+LATE_S = 0.05  # that ticks may wait for each other, where nobody notices: fewer wake-ups
 MEASURED_S = 1.0  # of wall time over which the speed is told
 SLOW = 0.95  # of the speed asked for: below it the world is behind
 SLOWER = 0.95  # times real time: below it who listens by a real clock is told
@@ -77,9 +78,11 @@ class Pacer:
         """Some of what :meth:`allow` allowed is still to come."""
         return self._ticks_left is not None
 
-    def wait_s(self) -> float:
-        """Wall seconds until the next tick; 0: now; infinite: not before somebody says so."""
-        return math.inf if self.paused else max(self._due - self._clock(), 0.0)
+    def wait_s(self, late: int = 0) -> float:
+        """Wall seconds until the next tick, or until ``late`` more are due; 0: now; infinite: not before somebody says
+        so.
+        """
+        return math.inf if self.paused else max(self._due + late * self._tick_s / self._speed - self._clock(), 0.0)
 
     def ticked(self) -> None:
         """A tick is done."""
@@ -92,7 +95,8 @@ class Pacer:
             late, self._due = now - self._due, now
             self.given_up_s += late
             self.on_given_up(late)
-        if now - self._measured >= MEASURED_S:
+        # Not between ticks that have waited for each other.
+        if now - self._measured >= MEASURED_S and not 0.0 < now - self._due < LATE_S:
             self._measure(now)
         if self._ticks_left is not None:
             self._ticks_left -= 1

@@ -23,6 +23,7 @@ T = TypeVar("T")
 
 STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
 LOOK_S = 0.05  # of wall time, between looks at who waits to be flushed, and at how long a client has kept the world
+ALERT_TICKS = 2  # that come on time after somebody spoke: within them autopilots think, and say what they think of it
 
 
 class Calls:
@@ -87,6 +88,9 @@ class Calls:
 class Loop:
     """Calls ``tick`` when ``pacer`` says so, and not before ``lockstep`` (None: nobody) and ``externals`` follow.
     ``now``: simulated seconds; ``status``: what the end of :meth:`advance` gives.
+
+    ``spare``: how many ticks may come late, because nobody outside would notice: one wake-up then makes several. Who
+    speaks meanwhile wakes the loop, and is heard after the ticks that were due before.
     """
 
     def __init__(
@@ -97,8 +101,10 @@ class Loop:
         pacer: Pacer,
         externals: Externals,
         lockstep: Lockstep | None,
+        spare: Callable[[], int],
     ) -> None:
-        self._tick, self._now, self._status = tick, now, status
+        self._tick, self._now, self._status, self._spare = tick, now, status, spare
+        self._alert = ALERT_TICKS
         self._pacer, self._externals, self._lockstep = pacer, externals, lockstep
         self.selector = selectors.DefaultSelector()
         self.wiring = Wiring(self.selector, set())
@@ -170,16 +176,17 @@ class Loop:
         self._pacer.restart()
         try:
             while not self._stopping:
-                self._serve(self._wait_s())
+                late = self._spare() if self._alert == 0 else 0
+                self._serve(self._wait_s(late), late)
                 if self._wait_s() == 0.0:
                     self._advance_one()
                 self._flush()
         finally:
             self._runner = None
 
-    def _wait_s(self) -> float:
-        """Wall seconds to listen before another look; 0: the next tick may come."""
-        wait = self._pacer.wait_s()
+    def _wait_s(self, late: int = 0) -> float:
+        """Wall seconds to listen before another look, ``late`` ticks after the next one is due; 0: it may come."""
+        wait = self._pacer.wait_s(late)
         if wait > 0.0:
             # Someone who did not read, or a line that nobody has opened, does not wake us.
             return min(wait, LOOK_S) if self.wiring.waiting else wait
@@ -191,6 +198,7 @@ class Loop:
 
     def _advance_one(self) -> None:
         self._tick()
+        self._alert = max(self._alert - 1, 0)
         if self._lockstep is not None:
             self._lockstep.ticked(self._now())
         with self.ticked:
@@ -233,12 +241,20 @@ class Loop:
 
     def serve(self) -> None:
         """Hear and answer clients of a world that nobody runs."""
-        self._serve(0.0)
+        self._serve(0.0, 0)
         self._flush()
 
-    def _serve(self, timeout: float) -> None:
-        """Hear clients and calls for ``timeout`` seconds at most (infinite: until one comes)."""
-        for key, _ in self.selector.select(timeout if math.isfinite(timeout) else None):
+    def _serve(self, timeout: float, late: int) -> None:
+        """Hear clients and calls for ``timeout`` seconds at most (infinite: until one comes); first make the ticks that
+        came due meanwhile, ``late`` of them at most.
+        """
+        speaking = self.selector.select(timeout if math.isfinite(timeout) else None)
+        for _ in range(late):
+            if self._wait_s() > 0.0:
+                break
+            self._advance_one()
+        for key, _ in speaking:
+            self._alert = ALERT_TICKS
             ready: Callable[[], None] = key.data
             ready()
         self.calls.do()

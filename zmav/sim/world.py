@@ -18,7 +18,7 @@ from zmav.sim.build import Squad, build
 from zmav.sim.camera.cameras import Cameras, SimCamera, actors
 from zmav.sim.camera.scene import Scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
-from zmav.sim.clock import Pacer
+from zmav.sim.clock import LATE_S, Pacer
 from zmav.sim.endpoints import Address, addresses, open_endpoint
 from zmav.sim.environment import Environment, Vector
 from zmav.sim.external import Externals, MakeExternals
@@ -149,7 +149,9 @@ class World:
         """defects met while running, each with the vehicle whose autopilot had it; the others go on"""
         self.on_failure: Callable[[SimVehicle, Exception], None] = lambda vehicle, error: None
         self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
-        self._loop = Loop(self._tick, lambda: self.time_s, self.status, self.pacer, self.externals, self.lockstep)
+        self._loop = Loop(
+            self._tick, lambda: self.time_s, self.status, self.pacer, self.externals, self.lockstep, self._spare
+        )
         self._faults = Faults(self, seed)
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in specs):
@@ -315,6 +317,16 @@ class World:
         self.externals.grant(now)
         if self.cameras is not None:
             self.cameras.tick(now)
+
+    def _spare(self) -> int:
+        """How many ticks may come late: until the next that sends telemetry, and by :data:`LATE_S` at most, of the
+        wall's time where that passes more quickly. None where somebody outside follows the clock tick by tick.
+        """
+        if self.lockstep is not None or self.cameras is not None or self.externals.vehicles or self.pacer.stepping:
+            return 0
+        due_s = min([math.inf, *(vehicle.node.next_due for vehicle in self.vehicles)])
+        quiet_s = min(due_s - self.time_s, LATE_S * min(self.speed, 1.0))
+        return max(math.ceil(quiet_s / self.tick_s) - 1, 0)
 
     def _fell_behind(self, seconds: float) -> None:
         """The computer is too slow, or slept. Receivers tell UTC all the same: its clock is not at fault."""

@@ -35,7 +35,7 @@ class Allocator:
         """Normalised torque (3, N), -1..1, and thrust (N,), 0..1 -> each rotor's share of its full thrust (M, N), and
         the torque that found no room (3, N); None: all of it did.
         """
-        share = self._lean @ torque[:2] + thrust
+        share = self._lean.dot(torque[:2]) + thrust
         fits = True
         if _beyond(share):
             fits = False

@@ -223,7 +223,7 @@ class Cascade:
         """Rotor throttles for the thrust and torque asked; where they do not fit, turning gives way first, then
         height.
         """
-        spread = self._mix_lean @ torque[:2] + clamp(self._mix_turn * torque[2], -YAW_SHARE, YAW_SHARE)
+        spread = self._mix_lean.dot(torque[:2]) + clamp(self._mix_turn * torque[2], -YAW_SHARE, YAW_SHARE)
         lift = np.minimum(self.thrust / self._full_n, 1.0 - np.maximum.reduce(spread))
         share = clamp(np.maximum(lift, 0.0) + spread, self._least, 1.0)
         return throttle_for(share, self.airframe.thrust_expo)

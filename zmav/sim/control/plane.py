@@ -27,41 +27,40 @@ COORDINATED = math.radians(80.0)  # no more bank is reckoned with
 STEEP = math.radians(70.0)  # of pitch: no turn is coordinated beyond
 
 
-class _RateLoop:
-    """Feed-forward and PID of one body rate, in the surface's shares. ``name``: of the parameters, "RLL" or "PTCH"."""
+class _RateLoops:
+    """Feed-forward and PID of the roll and the pitch rate, in their surfaces' shares; (2, N) throughout."""
 
-    def __init__(self, name: str, gains: dict[str, Array], n: int) -> None:
-        parts = ("P", "I", "D", "FF", "IMAX", "FLTT", "FLTD")
-        self._g = {part: gains[f"{name}_RATE_{part}"] for part in parts}
-        self._wanted: Array = np.zeros(n)
-        self._i: Array = np.zeros(n)
-        self._error: Array = np.zeros(n)
-        self._slope: Array = np.zeros(n)
-        self._last: Array = np.zeros(n)
+    def __init__(self, gains: dict[str, Array], n: int) -> None:
+        self._gains = gains
+        self._wanted: Array = np.zeros((2, n))
+        self._i: Array = np.zeros((2, n))
+        self._error: Array = np.zeros((2, n))
+        self._slope: Array = np.zeros((2, n))
+        self._last: Array = np.zeros((2, n))
 
     def tune(self, dt: float) -> None:
         """Reckon what follows from the gains; to be called after they change."""
-        g = self._g
+        parts = ("P", "I", "D", "FF", "IMAX", "FLTT", "FLTD")
+        g = {part: np.array([self._gains[f"{axis}_RATE_{part}"] for axis in ("RLL", "PTCH")]) for part in parts}
         self._target_share, self._slope_share = _lowpass(g["FLTT"], dt), _lowpass(g["FLTD"], dt)
+        slowest = self._gains["AIRSPEED_MIN"]
+        self._g, self._slow = g, np.array([slowest, 0.5 * slowest])
 
-    def update(self, wanted: Array, rate: Array, scale: Array, still: Flags, hold: Flags, dt: float) -> Array:
-        """Shares of the travel for a rate (rad/s). ``still``: the integrator is emptied, ``hold``: it does not grow."""
-        g = self._g
+    def update(self, wanted: Array, rate: Array, eas: Array, scale: Array, still: Flags, dt: float) -> Array:
+        """Shares of the travel for a rate (rad/s). ``still``: the integrator is emptied; at a slow airspeed, or where
+        the surface has no travel left, it does not grow.
+        """
+        g, moves = self._g, ~still
         self._wanted += (wanted - self._wanted) * self._target_share
-        square = scale * scale
-        error = (self._wanted - rate) * square
+        error = (self._wanted - rate) * (scale * scale)
         self._slope += ((error - self._error) / dt - self._slope) * self._slope_share
         self._error = error
         grown = clamp(self._i + error * g["I"] * dt, -g["IMAX"], g["IMAX"])
-        self._i = np.where(hold & (np.abs(grown) > np.abs(self._i)), self._i, grown) * ~still
-        out = self._wanted * g["FF"] * scale + error * g["P"] + self._i + self._slope * g["D"] * ~still
+        hold = (np.abs(self._last) >= 1.0) | (eas < self._slow)
+        self._i = np.where(hold & (np.abs(grown) > np.abs(self._i)), self._i, grown) * moves
+        out = self._wanted * g["FF"] * scale + error * g["P"] + self._i + self._slope * g["D"] * moves
         self._last = clamp(out * (1.0 / FULL), -1.0, 1.0)
         return self._last
-
-    @property
-    def saturated(self) -> Flags:
-        result: Flags = np.abs(self._last) >= 1.0
-        return result
 
 
 def _lowpass(cutoff_hz: Array, dt: float) -> Array:
@@ -83,9 +82,7 @@ class PlaneControl:
         self.throttle: Array = np.zeros(n)
         self.roll: Array = np.zeros(n)  # asked for
         self.pitch: Array = np.zeros(n)
-        self._roll_loop = _RateLoop("RLL", targets.gains, n)
-        self._pitch_loop = _RateLoop("PTCH", targets.gains, n)
-        self.rate_loops = self._roll_loop, self._pitch_loop
+        self.rate_loops = _RateLoops(targets.gains, n)
         self._tuned: tuple[int, float] | None = None
 
     def navigate(self, est: Estimated, euler: Array, airspeed: Array, dt: float) -> None:
@@ -120,14 +117,8 @@ class PlaneControl:
         by_energy = t.upright == ENERGY
         self.pitch = np.where(by_energy, self.tecs.pitch, t.pitch)
         roll_rate = clamp(wrap(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *self._roll_rates)
-        pitch_rate = self._pitch_rate(euler, airspeed)
-        idle = t.idle
-        aileron = self._roll_loop.update(
-            roll_rate, est.rate[0], scale, idle, self._roll_loop.saturated | (eas < g["AIRSPEED_MIN"]), dt
-        )
-        elevator = self._pitch_loop.update(
-            pitch_rate, est.rate[1], scale, idle, self._pitch_loop.saturated | (eas < 0.5 * g["AIRSPEED_MIN"]), dt
-        )
+        rates = np.array([roll_rate, self._pitch_rate(euler, airspeed)])
+        aileron, elevator = self.rate_loops.update(rates, est.rate[:2], eas, scale, t.idle, dt)
         self.surface[0] = np.where(t.lateral == AILERON, t.aileron, aileron)
         self.surface[1] = np.where(t.upright == ELEVATOR, t.elevator, elevator)
         self.surface[2] = self._rudder()
@@ -138,8 +129,7 @@ class PlaneControl:
         """Reckon what follows from the gains alone."""
         g = self.targets.gains
         self._tuned = self.targets.tuned, dt
-        self._roll_loop.tune(dt)
-        self._pitch_loop.tune(dt)
+        self.rate_loops.tune(dt)
         self._scale_bounds = (
             np.minimum(0.5, g["SCALING_SPEED"] / (2.0 * g["AIRSPEED_MAX"])),
             np.maximum(2.0, g["SCALING_SPEED"] / (0.7 * g["AIRSPEED_MIN"])),

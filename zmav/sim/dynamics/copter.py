@@ -94,7 +94,7 @@ class CopterDynamics(RigidBodies):
         self.thrust = (
             lift * self.efficiency * (self.density * (most / frame.air_density) if frame.air_density else most)
         )
-        wrench = self._wrench @ self.thrust
+        wrench = self._wrench.dot(self.thrust)  # half the cost of "@" on short arrays
         total = wrench[0]
         self.resting &= total < self._rests_n
         self.still = False

@@ -46,7 +46,7 @@ class PlaneFleet(Fleet):
         if number % (AIR_EVERY * self.pace) == 0:
             dyn.density = self.thickness()
         navigate_every = self._still.steps = NAVIGATE_EVERY * self.pace
-        loops = self.targets, control, control.l1, control.tecs, *control.rate_loops
+        loops = self.targets, control, control.l1, control.tecs, control.rate_loops
         self._stands = all_of(dyn.resting) and self.unchanged((tick_s, self.targets.tuned), *loops)
         if self._stands:
             return

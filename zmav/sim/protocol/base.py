@@ -193,6 +193,11 @@ class Node(ABC):
         """A stream is quicker than autopilots think."""
         return any(channel.streams.fastest < THINKING_S for channel in self.channels)
 
+    @property
+    def next_due(self) -> float:
+        """When the next stream or question for the time is, simulated seconds."""
+        return min([self._next_timesync, *(channel.streams.next_due for channel in self.channels)])
+
     def tick(self) -> None:
         """Send what is due."""
         if self.hung:

@@ -20,6 +20,7 @@ _AXIS_KM, _ECCENTRICITY_2 = 6378.137, 0.00669437999014  # of the WGS-84 ellipsoi
 _GAUSS_PER_NT = 1e-5
 
 
+@functools.cache
 def earth_field(lat_deg: float, lon_deg: float) -> tuple[float, float, float]:
     """North, east and down parts of the field at sea level, gauss."""
     lat, lon = math.radians(min(max(lat_deg, -89.999), 89.999)), math.radians(lon_deg)
