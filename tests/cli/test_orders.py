@@ -100,7 +100,10 @@ def test_a_refusal_ends_with_1_and_the_reason(start: StartProcess, vehicle: Vehi
 def test_a_bare_command_goes_beyond_the_usual_bounds_where_it_is_forced(vehicle: Vehicle) -> None:
     faster = ("command", "quad1", "DO_CHANGE_SPEED", "SpeedType=GROUNDSPEED", "Speed=40")
     assert "(--force) passes once" in vehicle.zmav.fails(*faster).out
-    vehicle.zmav(*faster, "--force")
+    told = vehicle.zmav.fails(*faster, "--force").out
+    assert (
+        told == "quad1: command not done: MAV_CMD_DO_CHANGE_SPEED refused: FAILED\n"
+    )  # by the autopilot, on the ground
 
 
 def test_bad_arguments_are_named_before_anything_is_sent(vehicle: Vehicle) -> None:
