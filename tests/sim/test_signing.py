@@ -113,7 +113,7 @@ def test_pymavlink_talks_to_it_with_the_key_and_not_without(key_file: Path) -> N
 def test_setup_ends_signing_too_and_an_armed_vehicle_takes_no_key(
     key_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with World(ready_s=0.5) as world:
+    with World(endpoint=TWO_LINKS[0], ready_s=0.5) as world:
         (url,) = world.urls
         assert "has the key" in setup(url, "--key", str(key_file))
         assert "signs no more" in setup(url, "--key", str(key_file), "--off")
