@@ -49,7 +49,7 @@ class Counter(zmav.Agent):
         return {"counted": args.to}
 
 
-class Desk(NamedTuple):
+class Scene(NamedTuple):
     agent: Counter
     quad: zmav.Vehicle
     said: Samples
@@ -58,7 +58,7 @@ class Desk(NamedTuple):
 
 
 @pytest.fixture
-async def desk(net: Net) -> AsyncIterator[Desk]:
+async def scene(net: Net) -> AsyncIterator[Scene]:
     """An agent and who asks it, each a client of the router."""
     _, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as z, zmav.open(connect=[endpoint]) as mine:
@@ -69,50 +69,50 @@ async def desk(net: Net) -> AsyncIterator[Desk]:
             running = asyncio.create_task(agent.run())
             await said.until(lambda: any(s["state"] == "waiting" for s in said.objects()), "status")
             assert isinstance(agent, Counter)
-            yield Desk(agent, z.vehicle("quad1"), said, z)
+            yield Scene(agent, z.vehicle("quad1"), said, z)
             running.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await running
 
 
-async def test_it_is_asked_and_says_what_it_does(desk: Desk) -> None:
+async def test_it_is_asked_and_says_what_it_does(scene: Scene) -> None:
     # No vehicle speaks here: what answers is the agent alone.
-    assert await ask(desk, "count", {"to": 7}) == {"counted": 7}
-    await desk.said.until(lambda: desk.said.objects()[-1]["state"] == "counting", "news")
-    last = desk.said.objects()[-1]
+    assert await ask(scene, "count", {"to": 7}) == {"counted": 7}
+    await scene.said.until(lambda: scene.said.objects()[-1]["state"] == "counting", "news")
+    last = scene.said.objects()[-1]
     assert (last["text"], last["detail"]["to"], last["detail"]["params"]) == ("to 7", 7, {"gain": 1.0})
     with pytest.raises(Refused, match="upwards"):
-        await ask(desk, "count", {"to": -1})
+        await ask(scene, "count", {"to": -1})
     with pytest.raises(BadInput, match="count, params, set"):
-        await ask(desk, "sing", {})
+        await ask(scene, "sing", {})
     with pytest.raises(BadInput, match="to"):
-        await ask(desk, "count", {"to": "many"})
+        await ask(scene, "count", {"to": "many"})
 
 
-async def test_it_is_tuned_within_its_bounds(desk: Desk) -> None:
-    assert await ask(desk, "set", {"name": "gain", "value": 2.5}) == {"name": "gain", "value": 2.5, "before": 1.0}
-    assert desk.agent["gain"] == 2.5
+async def test_it_is_tuned_within_its_bounds(scene: Scene) -> None:
+    assert await ask(scene, "set", {"name": "gain", "value": 2.5}) == {"name": "gain", "value": 2.5, "before": 1.0}
+    assert scene.agent["gain"] == 2.5
     for name, value, words in (("gain", 5.1, "0 to 5 1/s"), ("gain", float("inf"), "gain"), ("mass", 1.0, "no param")):
         with pytest.raises(BadInput, match=words):
-            desk.agent.tune(name, value)
+            scene.agent.tune(name, value)
     with pytest.raises(BadInput, match="expected 0 to 5"):
-        await ask(desk, "set", {"name": "gain", "value": -1.0})
-    assert desk.agent["gain"] == 2.5
-    found = await ask(desk, "params", {})
+        await ask(scene, "set", {"name": "gain", "value": -1.0})
+    assert scene.agent["gain"] == 2.5
+    found = await ask(scene, "params", {})
     assert msgspec.convert(found["gain"], wire.TunableInfo).value == 2.5
-    await desk.said.until(lambda: desk.said.objects()[-1]["detail"]["events"] != [], "the change in its status")
-    assert "gain is 2.5, was 1" in desk.said.objects()[-1]["detail"]["events"][0]["text"]
+    await scene.said.until(lambda: scene.said.objects()[-1]["detail"]["events"] != [], "the change in its status")
+    assert "gain is 2.5, was 1" in scene.said.objects()[-1]["detail"]["events"][0]["text"]
 
 
-async def test_a_vehicle_without_that_agent_says_how_to_start_one(desk: Desk) -> None:
-    desk.quad.give_up, desk.quad.ask_again = 0.3, 0.2
+async def test_a_vehicle_without_that_agent_says_how_to_start_one(scene: Scene) -> None:
+    scene.quad.give_up, scene.quad.ask_again = 0.3, 0.2
     here = keys.ALIVE.key("demo", "quad1", role=keys.VEHICLE, sys=1, autopilot="px4", uid="-", instance="x")
-    token = desk.z.session.liveliness().declare_token(here)
-    while not desk.quad.present:
-        await desk.z.news(1.0)
-    assert (await desk.quad.tell("counter", "count", to=3))["counted"] == 3
+    token = scene.z.session.liveliness().declare_token(here)
+    while not scene.quad.present:
+        await scene.z.news(1.0)
+    assert (await scene.quad.tell("counter", "count", to=3))["counted"] == 3
     with pytest.raises(TimedOut, match="zmav agent run follower --vehicle quad1"):
-        await desk.quad.tell("follower", "follow")
+        await scene.quad.tell("follower", "follow")
     token.undeclare()
 
 
@@ -204,29 +204,29 @@ def test_any_other_file_and_the_installed_controllers_are_for_the_supervisor(tmp
     assert (kind.name, given) == ("controller", {"controller": "ev2"})
 
 
-async def test_parameters_are_keys_and_others_can_be_declared(desk: Desk) -> None:
+async def test_parameters_are_keys_and_others_can_be_declared(scene: Scene) -> None:
     from tests.conftest import Samples
 
-    z = desk.z
+    z = scene.z
     key = keys.AGENT_PARAM.key("demo", "quad1", agent="counter", param="*")
     (answer,) = await z.ask(key)
     assert isinstance(answer, Answer)
     assert answer.key.endswith("agent/counter/param/gain")
     assert wire.decode(answer.payload, wire.TunableInfo, "param").unit == "1/s"
     heard = Samples(z.session, key)
-    await ask(desk, "set", {"name": "gain", "value": 2.0})
+    await ask(scene, "set", {"name": "gain", "value": 2.0})
     await heard.until(lambda: bool(heard.items), "the change")
     assert heard.objects()[-1]["value"] == 2.0
-    desk.agent.declare({"gain": Tunable(1.0, 0.0, 1.5), "more": Tunable(7.0, 0.0, 9.0)})
-    assert (desk.agent["gain"], desk.agent["more"]) == (1.0, 7.0), "2 is beyond what it may be now"
-    desk.agent.tune("more", 8.0)
-    desk.agent.declare({"more": Tunable(7.0, 0.0, 9.0)})
-    assert desk.agent["more"] == 8.0
+    scene.agent.declare({"gain": Tunable(1.0, 0.0, 1.5), "more": Tunable(7.0, 0.0, 9.0)})
+    assert (scene.agent["gain"], scene.agent["more"]) == (1.0, 7.0), "2 is beyond what it may be now"
+    scene.agent.tune("more", 8.0)
+    scene.agent.declare({"more": Tunable(7.0, 0.0, 9.0)})
+    assert scene.agent["more"] == 8.0
 
 
-async def ask(desk: Desk, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+async def ask(scene: Scene, verb: str, args: dict[str, Any]) -> dict[str, Any]:
     key = keys.AGENT_DO.key("demo", "quad1", agent="counter", verb=verb)
-    z = desk.z
+    z = scene.z
     answers = await z.ask(key, msgspec.json.encode(args), timeout=10.0, channel=keys.AGENT_DO)
     (answer,) = answers
     if isinstance(answer, zmav.ZmavError):
@@ -234,19 +234,19 @@ async def ask(desk: Desk, verb: str, args: dict[str, Any]) -> dict[str, Any]:
     return wire.decode(answer.payload, wire.Outcome, "reply").result
 
 
-async def test_a_topic_of_its_own_is_heard(desk: Desk) -> None:
-    async with desk.z.subscribe("quad1/agent/counter/out/wind") as samples:
+async def test_a_topic_of_its_own_is_heard(scene: Scene) -> None:
+    async with scene.z.subscribe("quad1/agent/counter/out/wind") as samples:
         while True:
-            desk.agent.publish("wind", {"north": 1.5, "east": math.nan}, t=5.0)
+            scene.agent.publish("wind", {"north": 1.5, "east": math.nan}, t=5.0)
             with contextlib.suppress(asyncio.TimeoutError):
                 sample = await asyncio.wait_for(samples.get(), 0.2)
                 break
     assert wire.decode(sample.payload.to_bytes(), wire.Signals, "out") == wire.Signals(t=5.0, values={"north": 1.5})
     with pytest.raises(BadKey, match="topic 'Wind Speed' cannot stand in a key"):
-        desk.agent.publish("Wind Speed", {})
+        scene.agent.publish("Wind Speed", {})
     for wrong in (5.0, [1.0], {"north": "hard"}, {"north": None}):
         with pytest.raises(BadInput, match=r"what is published is .*; expected numbers by their names"):
-            desk.agent.publish("wind", wrong)  # type: ignore[arg-type]
+            scene.agent.publish("wind", wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

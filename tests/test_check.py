@@ -147,7 +147,7 @@ def test_a_long_one_runs_where_what_it_uses_changed(tmp_path: Path, modules: lis
 @pytest.mark.parametrize(
     ("module", "name", "mark"),
     [
-        ("tests.sim.conftest", "make_desk", "flight"),
+        ("tests.sim.conftest", "make_gcs", "flight"),
         ("tests.conftest", "net", "live"),
         ("tests.agents.demo.test_demo", "start_demo", "process"),
         ("tests.test_check", "test_what_changed_is_what_differs_from_the_merge_base", "process"),

@@ -257,34 +257,40 @@ async def campaign(args: argparse.Namespace, kill: bool) -> bool:
 
 
 async def _runs(
-    args: argparse.Namespace, kill: bool, lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random
+    args: argparse.Namespace,
+    kill: bool,
+    lab: Lab,
+    planners: Planners,
+    names: list[str],
+    truth: Truth,
+    rng: random.Random,
 ) -> list[dict[str, Any]]:
     running = {"ground": planner(lab, "ground")}
-    await desk.until(lambda book: book.planner == "ground")
+    await planners.until(lambda book: book.planner == "ground")
     if kill:
         running["van"] = planner(lab, "van", "--standby")
     for i, (north, east) in enumerate(TREES):
         tree = swarm.Cylinder(center=(north, east), radius=TRUNK, floor=0.0, ceiling=40.0)
         obstacle = swarm.Obstacle(name=f"tree{i}", t=time.time(), what=tree)
-        await desk.order("obstacle", swarm.GiveObstacle(id=f"tree{i}", obstacle=obstacle))
-    await _known(desk, names)
+        await planners.order("obstacle", swarm.GiveObstacle(id=f"tree{i}", obstacle=obstacle))
+    await _known(planners, names)
     weather = asyncio.create_task(storms(lab, rng))
     rows: list[dict[str, Any]] = []
     try:
         while (sum(row["kills"] for row in rows) if kill else len(rows)) < args.runs:
             if kill:
                 left = args.runs - sum(row["kills"] for row in rows)
-                rows.append(await killed(lab, desk, names, truth, rng, running, len(rows), left))
+                rows.append(await killed(lab, planners, names, truth, rng, running, len(rows), left))
             else:
-                rows.append(await swapped(desk, names, truth, rng, len(rows)))
+                rows.append(await swapped(planners, names, truth, rng, len(rows)))
         return rows
     finally:
         weather.cancel()
 
 
-async def _known(desk: Planners, names: list[str]) -> None:
+async def _known(planners: Planners, names: list[str]) -> None:
     """The planner has heard of all, and not long ago: it takes goals for them."""
-    while not set(names) <= set((await desk.order("status", wire.Order()))["vehicles"]):
+    while not set(names) <= set((await planners.order("status", wire.Order()))["vehicles"]):
         await asyncio.sleep(0.5)
 
 
@@ -300,18 +306,18 @@ def _swap(names: list[str], rng: random.Random, run: int) -> swarm.Submit:
     return swarm.Submit(id=f"swap{run}-{rng.random():.9f}", goal=swarm.GoTo(vehicles=names, to=to))
 
 
-async def swapped(desk: Planners, names: list[str], truth: Truth, rng: random.Random, run: int) -> dict[str, Any]:
+async def swapped(planners: Planners, names: list[str], truth: Truth, rng: random.Random, run: int) -> dict[str, Any]:
     """One swap to its end."""
-    await _known(desk, names)
+    await _known(planners, names)
     truth.reset()
     start = time.monotonic()
-    given = await desk.order("submit", _swap(names, rng, run))
-    return await _ended(desk, str(given["goal"]), truth, start, run, "")
+    given = await planners.order("submit", _swap(names, rng, run))
+    return await _ended(planners, str(given["goal"]), truth, start, run, "")
 
 
 async def killed(
     lab: Lab,
-    desk: Planners,
+    planners: Planners,
     names: list[str],
     truth: Truth,
     rng: random.Random,
@@ -320,18 +326,18 @@ async def killed(
     most: int,
 ) -> dict[str, Any]:
     """One swap whose planner dies again and again on the way; the other goes on with it, the dead one comes again."""
-    await _known(desk, names)
+    await _known(planners, names)
     truth.reset()
     start = time.monotonic()
-    given = await desk.order("submit", _swap(names, rng, run))
+    given = await planners.order("submit", _swap(names, rng, run))
     goal, deaths = str(given["goal"]), list[str]()
     while len(deaths) < most:
-        book = await desk.until(
+        book = await planners.until(
             lambda book: any(e.id == goal and e.state in ("flying", "done", "failed", "cancelled") for e in book.goals)
         )
         await asyncio.sleep(rng.uniform(*MOMENTS))
-        if desk.book is not None:
-            book = desk.book
+        if planners.book is not None:
+            book = planners.book
         if any(e.id == goal and e.state in ("done", "failed", "cancelled") for e in book.goals):
             break
         victim = book.planner
@@ -340,14 +346,14 @@ async def killed(
         running[victim].kill()
         running[victim].wait()
         running[victim] = planner(lab, victim, "--standby")
-        await desk.until(lambda book, victim=victim: book.planner != victim)
-    row = await _ended(desk, goal, truth, start, run, f"{len(deaths)} killed: {', '.join(deaths)};")
+        await planners.until(lambda book, victim=victim: book.planner != victim)
+    row = await _ended(planners, goal, truth, start, run, f"{len(deaths)} killed: {', '.join(deaths)};")
     return {**row, "kills": len(deaths)}
 
 
-async def _ended(desk: Planners, goal: str, truth: Truth, start: float, run: int, more: str) -> dict[str, Any]:
+async def _ended(planners: Planners, goal: str, truth: Truth, start: float, run: int, more: str) -> dict[str, Any]:
     ended = ("done", "failed", "cancelled")
-    book = await desk.until(lambda book: any(e.id == goal and e.state in ended for e in book.goals))
+    book = await planners.until(lambda book: any(e.id == goal and e.state in ended for e in book.goals))
     entry = next(e for e in book.goals if e.id == goal)
     row = {"took": time.monotonic() - start, "apart": truth.apart, "clear": truth.clear, "state": entry.state}
     row["good"] = truth.apart >= 2 * RADIUS and truth.clear >= RADIUS and entry.state == "done"

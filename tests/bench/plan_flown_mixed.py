@@ -101,11 +101,11 @@ async def _up(vehicle: zmav.Vehicle) -> None:
         await rigs.in_the_air(vehicle, CRUISE if vehicle.name.startswith("plane") else HEIGHT)
 
 
-async def mixed(args: argparse.Namespace, desk: Planners, names: list[str], truth: Truth) -> bool:
+async def mixed(args: argparse.Namespace, planners: Planners, names: list[str], truth: Truth) -> bool:
     rng, good = random.Random(args.seed), True
     circles = list(CIRCLES)
     for run in range(args.runs):
-        await _known(desk, names)
+        await _known(planners, names)
         truth.reset()
         places, ground = ring(COPTERS), outer()
         rng.shuffle(places)
@@ -115,23 +115,23 @@ async def mixed(args: argparse.Namespace, desk: Planners, names: list[str], trut
         to += [(n, e, -CRUISE - 20.0 * k) for k, (n, e) in enumerate(circles)]
         start = time.monotonic()
         order = swarm.Submit(id=f"mixed{run}-{rng.random():.9f}", goal=swarm.GoTo(vehicles=names, to=to))
-        given = await desk.order("submit", order)
-        good &= bool((await _ended(desk, str(given["goal"]), truth, start, run, ""))["good"])
+        given = await planners.order("submit", order)
+        good &= bool((await _ended(planners, str(given["goal"]), truth, start, run, ""))["good"])
     return good
 
 
-async def leader(desk: Planners, lab: Lab, z: zmav.Client, truth: Truth) -> bool:
+async def leader(planners: Planners, lab: Lab, z: zmav.Client, truth: Truth) -> bool:
     """The rover's computer loses power while it is followed."""
     followers = ["quad1", "quad2", "quad3"]
-    await _known(desk, [*followers, "rover1"])
+    await _known(planners, [*followers, "rover1"])
     truth.reset()
     homes = dict(zip([f"quad{i + 1}" for i in range(COPTERS)], ring(COPTERS), strict=True))
     offsets = [(-6.0, 6.0 * (k - 1), -HEIGHT) for k in range(3)]
     goal = swarm.Follow(vehicles=followers, leader="rover1", offsets=offsets, on_lost="return")
     start = time.monotonic()
-    name = str((await desk.order("submit", swarm.Submit(id=f"leader-{start:.6f}", goal=goal)))["goal"])
+    name = str((await planners.order("submit", swarm.Submit(id=f"leader-{start:.6f}", goal=goal)))["goal"])
     drive = asyncio.create_task(z.vehicle("rover1").goto(pos=(60.0, 20.0, 0.0)))
-    await desk.until(lambda book: any(e.id == name and "following" in e.text for e in book.goals))
+    await planners.until(lambda book: any(e.id == name and "following" in e.text for e in book.goals))
     near = 0
     while near < 20:  # for two seconds beside it
         here = z.vehicle("rover1").last_state
@@ -149,7 +149,7 @@ async def leader(desk: Planners, lab: Lab, z: zmav.Client, truth: Truth) -> bool
     moment = time.monotonic() - start
     drive.cancel()
     await lab.kill("rover1")
-    row = await _ended(desk, name, truth, start, 0, f"leader killed after {moment:.0f} s")
+    row = await _ended(planners, name, truth, start, 0, f"leader killed after {moment:.0f} s")
     at = dict(zip(truth.names, truth.places, strict=True))
     off = max(math.hypot(at[q][0] - homes[q][0], at[q][1] - homes[q][1]) for q in followers)
     print(f"       they are {off:.1f} m from where they took off at most")
@@ -160,13 +160,13 @@ async def flown(args: argparse.Namespace) -> bool:
     good = True
     async with fleet(args.loss) as (lab, z, names, truth):
         planner(lab, "ground", "--margin", str(TRAILS))
-        desk = Planners(z)
-        await desk.until(lambda book: book.planner == "ground")
+        planners = Planners(z)
+        await planners.until(lambda book: book.planner == "ground")
         try:
             if args.what != "leader":
-                good &= await mixed(args, desk, names, truth)
+                good &= await mixed(args, planners, names, truth)
             if args.what != "mixed":
-                good &= await leader(desk, lab, z, truth)
+                good &= await leader(planners, lab, z, truth)
         except (ZmavError, TimeoutError) as e:
             print(f"  {e}")
             good = False

@@ -26,7 +26,7 @@ from agents.planner.goals.steps import FleetView, Fly
 from agents.planner.model.geometry import world_of
 from agents.planner.model.scene import Box, Cylinder, NoFly, Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
-from tests.agents.planner.goals.crew import balance, crew, ground, judge_fly, lasting, shape_error, view
+from tests.agents.planner.goals.team import balance, ground, judge_fly, lasting, shape_error, team, view
 from zmav import wire
 from zmav.wire.swarm import Corner, Shape
 
@@ -71,7 +71,7 @@ def formations() -> None:
         f"{'formation':12} {'N':>4} {'plan s':>7} {'flight s':>9} {'over':>5}  {'error m':>7} {'narrow':>7}   clear m"
     )
     for shape, count in SHAPES:
-        fleet, world = crew(count, apart=6.0), ground()
+        fleet, world = team(count, apart=6.0), ground()
         static = StaticMap(world_of(world))
         goal = wire.swarm.Formation(
             vehicles=list(fleet.vehicles), shape=shape, at=(0.0, 90.0, -25.0), via=[(0.0, -90.0, -25.0)], heading=1.57
@@ -96,7 +96,7 @@ def formations() -> None:
 
 def searchers(count: int, mixed: bool) -> FleetView:
     if not mixed:
-        return crew(count)
+        return team(count)
     views = [
         view(
             f"v{i:03}",
@@ -159,7 +159,7 @@ def draw_search(path: Path, polygon: list[Corner], obstacles: list[Obstacle], fl
 
 def main() -> None:
     folder = Path(sys.argv[sys.argv.index("--pictures") + 1]) if "--pictures" in sys.argv else None
-    warm = crew(2)
+    warm = team(2)
     resolve(wire.swarm.Formation(vehicles=list(warm.vehicles), shape="line", at=(9.0, 9.0, -9.0)), warm, ground())
     formations()
     searches(folder)

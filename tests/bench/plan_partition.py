@@ -28,8 +28,8 @@ async def runs(args: argparse.Namespace) -> bool:
     rng, good = random.Random(args.seed), True
     async with fleet(args, True, trees=()) as (lab, z, names, truth):
         planner(lab, "ground")
-        desk = Planners(z)
-        await desk.until(lambda book: book.planner == "ground")
+        planners = Planners(z)
+        await planners.until(lambda book: book.planner == "ground")
         planner(lab, "van", "--standby")
         near = {"ground", *names[: len(names) // 2]}
         torn = [edge.name for edge in lab.network.wiring.edges if (edge.a in near) != (edge.b in near)]
@@ -39,20 +39,24 @@ async def runs(args: argparse.Namespace) -> bool:
             for run in range(args.runs):
                 truth.reset()
                 start = time.monotonic()
-                book = desk.book
+                book = planners.book
                 assert book is not None
-                goal = str((await desk.order("submit", _swap(names, rng, run)))["goal"])
-                await desk.until(lambda book, goal=goal: any(e.id == goal and e.state == "flying" for e in book.goals))
+                goal = str((await planners.order("submit", _swap(names, rng, run)))["goal"])
+                await planners.until(
+                    lambda book, goal=goal: any(e.id == goal and e.state == "flying" for e in book.goals)
+                )
                 await asyncio.sleep(rng.uniform(0.0, 8.0))
                 for edge in torn:
                     lab.cut(edge)
                 await asyncio.sleep(args.seconds)
-                sides = [f"{d.book.planner} (term {d.book.term})" if d.book else "nobody" for d in (desk, far)]
+                sides = [f"{d.book.planner} (term {d.book.term})" if d.book else "nobody" for d in (planners, far)]
                 least = truth.apart
                 for edge in torn:
                     lab.heal(edge)
                 try:
-                    row = await _ended(desk, goal, truth, start, run, f"in charge: {sides[0]} here, {sides[1]} beyond;")
+                    row = await _ended(
+                        planners, goal, truth, start, run, f"in charge: {sides[0]} here, {sides[1]} beyond;"
+                    )
                     done = row["state"] == "done"
                 except (ZmavError, TimeoutError) as e:
                     print(f"  {run + 1:3d}: {e}")

@@ -38,16 +38,16 @@ async def runs(args: argparse.Namespace) -> bool:
     rng, good = random.Random(args.seed), True
     async with fleet(args, False, (), FAILSAFE) as (lab, z, names, truth):
         planner(lab, "ground")
-        desk = Planners(z)
-        await desk.until(lambda book: book.planner == "ground")
+        planners = Planners(z)
+        await planners.until(lambda book: book.planner == "ground")
         for run in range(args.runs):
             if run:
-                await let_go(desk, z, names)
+                await let_go(planners, z, names)
                 await asyncio.gather(*(rigs.in_the_air(z.vehicle(name), HEIGHT) for name in names))
-            await _known(desk, names)
+            await _known(planners, names)
             truth.reset()
-            goal = str((await desk.order("submit", _swap(names, rng, run)))["goal"])
-            book = await desk.until(
+            goal = str((await planners.order("submit", _swap(names, rng, run)))["goal"])
+            book = await planners.until(
                 lambda book, goal=goal: any(e.id == goal and e.state in ("flying", "failed") for e in book.goals)
             )
             if refused := [e.text for e in book.goals if e.id == goal and e.state == "failed"]:
@@ -57,7 +57,7 @@ async def runs(args: argparse.Namespace) -> bool:
             while not all(committed(z.vehicle(name)) for name in names):
                 await asyncio.sleep(0.1)  # one that was never sent anything hovers, and misses nobody
             await asyncio.sleep(rng.uniform(0.0, 5.0))
-            if any(e.id == goal and e.state != "flying" for e in (desk.book.goals if desk.book else [])):
+            if any(e.id == goal and e.state != "flying" for e in (planners.book.goals if planners.book else [])):
                 print(f"  {run + 1:3d}: it was over before the network was torn", flush=True)
                 continue
             kind, begun = ("whole", "halves")[run % 2], time.monotonic()
@@ -90,9 +90,9 @@ def committed(vehicle: zmav.Vehicle) -> bool:
     return state is not None and state.segment is not None
 
 
-async def let_go(desk: Planners, z: zmav.Client, names: list[str]) -> None:
+async def let_go(planners: Planners, z: zmav.Client, names: list[str]) -> None:
     """The goal is dropped, and nobody is commanded any more."""
-    await desk.order("abort", swarm.GoalId())
+    await planners.order("abort", swarm.GoalId())
     free = 0
     while free < 20:  # for 10 s: a goal that ends may ask for its leases once more
         states = [z.vehicle(name).last_state for name in names]

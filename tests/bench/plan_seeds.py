@@ -1,9 +1,9 @@
-"""The README's commands with receivers that drift as typical ones do, in virtual time, by many crews.
+"""The README's commands with receivers that drift as typical ones do, in virtual time, by many teams.
 
 How near any two truly came to each other, what stopped them where no plan said so, and how long it took by the
 previews' own seconds.
 
-    python tests/bench/plan_seeds.py                       # 100 crews, as ArduCopters and as PX4s follow
+    python tests/bench/plan_seeds.py                       # 100 teams, as ArduCopters and as PX4s follow
     python tests/bench/plan_seeds.py --loss 0.3            # over a network that loses a third of its messages
     python tests/bench/plan_seeds.py --no-room             # as if positions were exact
 
@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.agents.planner.live.seeds import ARDUCOPTER, COMMANDS, PROMISED, PX4, PX4_IN_CALM_AIR, Row, crew_rows
+from tests.agents.planner.live.seeds import ARDUCOPTER, COMMANDS, PROMISED, PX4, PX4_IN_CALM_AIR, Row, team_rows
 
 
 def shown(what: str, rows: list[Row]) -> str:
@@ -38,17 +38,17 @@ def shown(what: str, rows: list[Row]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--crews", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0, help="of the first crew")
+    parser.add_argument("--teams", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0, help="of the first team")
     parser.add_argument("--loss", type=float, default=0.0)
     parser.add_argument("--no-room", action="store_true")
     options = parser.parse_args()
     for name, sort in (("ArduCopter", ARDUCOPTER), ("PX4, calm", PX4_IN_CALM_AIR), ("PX4, windy", PX4)):
-        print(f"{name}: crews of four, promised {PROMISED:g} m between two centres")
-        print("command     crews  below that  least m  5 % m  median m  stops  flown/said  least   most", flush=True)
+        print(f"{name}: teams of four, promised {PROMISED:g} m between two centres")
+        print("command     teams  below that  least m  5 % m  median m  stops  flown/said  least   most", flush=True)
         rows: list[Row] = []
-        for seed in range(options.seed, options.seed + options.crews):
-            rows += asyncio.run(crew_rows(seed, sort, loss=options.loss, room=not options.no_room))
+        for seed in range(options.seed, options.seed + options.teams):
+            rows += asyncio.run(team_rows(seed, sort, loss=options.loss, room=not options.no_room))
         for what in COMMANDS:
             print(shown(what, [row for row in rows if row.what == what]), flush=True)
         why = collections.Counter(_kind(stop) for row in rows for stop in row.stops)

@@ -31,7 +31,7 @@ def hang(vehicle: SimVehicle, height: float) -> None:
     dyn.contact[i] = dyn.resting[i] = False
 
 
-class Desk:
+class Gcs:
     """A ground station at one vehicle's link; it steps the world itself, and keeps all it hears."""
 
     def __init__(self, world: World, vehicle: SimVehicle, *, sysid: int = 255, compid: int = 190) -> None:
@@ -144,20 +144,20 @@ class Desk:
         self.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=frame, type_mask=mask, **more)
 
 
-MakeDesk = Callable[..., Desk]
+MakeGcs = Callable[..., Gcs]
 
 
 @pytest.fixture
-def make_desk() -> Iterator[MakeDesk]:
-    """A world without endpoints and a desk at its first vehicle; options are :class:`World`'s."""
+def make_gcs() -> Iterator[MakeGcs]:
+    """A world without endpoints and a ground station at its first vehicle; options are :class:`World`'s."""
     worlds = []
 
-    def make(vehicles: int | list[VehicleSpec] = 1, **options: Any) -> Desk:
+    def make(vehicles: int | list[VehicleSpec] = 1, **options: Any) -> Gcs:
         options = {"ready_s": 0.5, "epoch_s": 0.0, **options}
         specs = [VehicleSpec() for _ in range(vehicles)] if isinstance(vehicles, int) else vehicles
         world = World(specs, **options)
         worlds.append(world)
-        return Desk(world, world.vehicles[0])
+        return Gcs(world, world.vehicles[0])
 
     yield make
     for world in worlds:
@@ -165,12 +165,12 @@ def make_desk() -> Iterator[MakeDesk]:
 
 
 @pytest.fixture
-def desk(make_desk: MakeDesk) -> Desk:
+def gcs(make_gcs: MakeGcs) -> Gcs:
     """One copter on the ground, awake within half a second."""
-    return make_desk()
+    return make_gcs()
 
 
 @pytest.fixture
-def another_desk() -> Callable[..., Desk]:
-    """Makes further desks at vehicles of a world that is there already."""
-    return Desk
+def another_gcs() -> Callable[..., Gcs]:
+    """Makes further ground stations at vehicles of a world that is there already."""
+    return Gcs

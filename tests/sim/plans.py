@@ -1,4 +1,4 @@
-"""Mission items for the simulator's tests, and their upload and download over a desk's link."""
+"""Mission items for the simulator's tests, and their upload and download over a ground station's link."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from zmav.sim.geo import METRES_PER_DEGREE
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import Desk
+    from tests.sim.conftest import Gcs
 
 Fields = dict[str, Any]
 HOME_LAT, HOME_LON = -35.363261, 149.165230
@@ -42,42 +42,42 @@ def _params(params: Sequence[float]) -> Fields:
     return {f"param{i}": float(p) for i, p in enumerate(params, start=1)}
 
 
-def upload(desk: Desk, items: Sequence[Fields], kind: int = 0, *, home: bool = True) -> int:
+def upload(gcs: Gcs, items: Sequence[Fields], kind: int = 0, *, home: bool = True) -> int:
     """Upload as a ground station does, a mission with home before it; gives the MAV_MISSION_RESULT."""
     items = [HOME, *items] if kind == 0 and home else list(items)
-    desk.clear("MISSION_REQUEST")
-    desk.clear("MISSION_ACK")
-    desk.send("MISSION_COUNT", count=len(items), mission_type=kind)
-    while not desk.all("MISSION_ACK"):
-        asked = desk.all("MISSION_REQUEST")
+    gcs.clear("MISSION_REQUEST")
+    gcs.clear("MISSION_ACK")
+    gcs.send("MISSION_COUNT", count=len(items), mission_type=kind)
+    while not gcs.all("MISSION_ACK"):
+        asked = gcs.all("MISSION_REQUEST")
         assert asked, "nothing was asked for"
-        desk.clear("MISSION_REQUEST")
+        gcs.clear("MISSION_REQUEST")
         seq = asked[-1]["seq"]
-        desk.send("MISSION_ITEM_INT", seq=seq, mission_type=kind, **items[seq])
-    return int(desk.all("MISSION_ACK")[-1]["type"])
+        gcs.send("MISSION_ITEM_INT", seq=seq, mission_type=kind, **items[seq])
+    return int(gcs.all("MISSION_ACK")[-1]["type"])
 
 
-def download(desk: Desk, kind: int = 0) -> list[Fields]:
+def download(gcs: Gcs, kind: int = 0) -> list[Fields]:
     """Every item that is there."""
-    desk.clear("MISSION_COUNT")
-    desk.send("MISSION_REQUEST_LIST", mission_type=kind)
-    count = desk.all("MISSION_COUNT")[-1]["count"]
-    desk.clear("MISSION_ITEM_INT")
+    gcs.clear("MISSION_COUNT")
+    gcs.send("MISSION_REQUEST_LIST", mission_type=kind)
+    count = gcs.all("MISSION_COUNT")[-1]["count"]
+    gcs.clear("MISSION_ITEM_INT")
     for seq in range(count):
-        desk.send("MISSION_REQUEST_INT", seq=seq, mission_type=kind)
-    found = desk.all("MISSION_ITEM_INT")
+        gcs.send("MISSION_REQUEST_INT", seq=seq, mission_type=kind)
+    found = gcs.all("MISSION_ITEM_INT")
     assert [item["seq"] for item in found] == list(range(count))
     return found
 
 
-def reached(desk: Desk) -> list[int]:
-    return [m["seq"] for m in desk.all("MISSION_ITEM_REACHED")]
+def reached(gcs: Gcs) -> list[int]:
+    return [m["seq"] for m in gcs.all("MISSION_ITEM_REACHED")]
 
 
-def fly(desk: Desk, items: Sequence[Fields]) -> None:
+def fly(gcs: Gcs, items: Sequence[Fields]) -> None:
     """Upload, arm in GUIDED and start the mission."""
-    desk.until(lambda: desk.vehicle.copter.position_ok)
-    assert upload(desk, items) == 0
-    assert desk.command(176, 1, 4) == 0
-    assert desk.command(400, 1) == 0
-    assert desk.command(300) == 0
+    gcs.until(lambda: gcs.vehicle.copter.position_ok)
+    assert upload(gcs, items) == 0
+    assert gcs.command(176, 1, 4) == 0
+    assert gcs.command(400, 1) == 0
+    assert gcs.command(300) == 0

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.conftest import Desk
+from tests.sim.conftest import Gcs
 from tests.sim.plans import at, do, fly, reached, takeoff, upload
 from zmav.sim import VehicleSpec, World
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import MakeDesk
+    from tests.sim.conftest import MakeGcs
 
 GUIDED, AUTO, LOITER, RTL, LAND = 4, 3, 5, 6, 9
 ACCEPTED, DENIED, FAILED = 0, 2, 4
@@ -25,32 +25,32 @@ UP = takeoff(5.0)
 
 
 @pytest.fixture
-def ready(desk: Desk) -> Desk:
-    desk.world.step(1.0)
-    return desk
+def ready(gcs: Gcs) -> Gcs:
+    gcs.world.step(1.0)
+    return gcs
 
 
-def mode(desk: Desk) -> int:
-    return desk.vehicle.copter.mode.number
+def mode(gcs: Gcs) -> int:
+    return gcs.vehicle.copter.mode.number
 
 
-def done(desk: Desk, seq: int, within: float = 60.0) -> float:
+def done(gcs: Gcs, seq: int, within: float = 60.0) -> float:
     """Wait until an item is reached; the simulated seconds that took."""
-    return desk.until(lambda: seq in reached(desk), within)
+    return gcs.until(lambda: seq in reached(gcs), within)
 
 
-def aloft(desk: Desk, plan: list[dict[str, object]]) -> None:
+def aloft(gcs: Gcs, plan: list[dict[str, object]]) -> None:
     """Fly the plan, from where its takeoff ends on."""
-    desk.until(lambda: desk.vehicle.copter.position_ok)
-    assert upload(desk, [UP, *plan]) == ACCEPTED
-    desk.put_up(5.0)
-    assert desk.command(SET_MODE, 1, AUTO) == ACCEPTED
+    gcs.until(lambda: gcs.vehicle.copter.position_ok)
+    assert upload(gcs, [UP, *plan]) == ACCEPTED
+    gcs.put_up(5.0)
+    assert gcs.command(SET_MODE, 1, AUTO) == ACCEPTED
     # A command that is done at once takes the takeoff's place in what is reported.
-    desk.until(lambda: bool(reached(desk)))
+    gcs.until(lambda: bool(reached(gcs)))
 
 
 class TestStart:
-    def test_disarmed_it_is_accepted_without_a_mission_and_arming_is_then_refused(self, ready: Desk) -> None:
+    def test_disarmed_it_is_accepted_without_a_mission_and_arming_is_then_refused(self, ready: Gcs) -> None:
         assert ready.command(SET_MODE, 1, AUTO) == ACCEPTED
         assert ready.command(START) == ACCEPTED
         assert ready.command(ARM, 1) == FAILED
@@ -67,7 +67,7 @@ class TestStart:
         ],
     )
     def test_armed_on_the_ground_it_needs_a_mission_that_takes_off(
-        self, ready: Desk, plan: list[dict[str, object]], words: list[str]
+        self, ready: Gcs, plan: list[dict[str, object]], words: list[str]
     ) -> None:
         assert upload(ready, plan) == ACCEPTED
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
@@ -77,7 +77,7 @@ class TestStart:
         assert ready.texts() == words
         assert mode(ready) == GUIDED
 
-    def test_chosen_with_the_stick_down_it_waits_for_throttle(self, ready: Desk) -> None:
+    def test_chosen_with_the_stick_down_it_waits_for_throttle(self, ready: Gcs) -> None:
         assert upload(ready, [UP]) == ACCEPTED
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
         assert ready.command(ARM, 1) == ACCEPTED
@@ -87,7 +87,7 @@ class TestStart:
         ready.vehicle.copter.pilot.sticks(throttle=0.5)
         done(ready, 1)
 
-    def test_in_the_air_it_climbs_to_the_takeoff_s_height(self, ready: Desk) -> None:
+    def test_in_the_air_it_climbs_to_the_takeoff_s_height(self, ready: Gcs) -> None:
         assert upload(ready, [takeoff(10.0), at(16, 20, 0, 10)]) == ACCEPTED
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
         assert ready.command(ARM, 1) == ACCEPTED
@@ -98,7 +98,7 @@ class TestStart:
         assert ready.near(0, 0, -10, 0.3)
         done(ready, 2)
 
-    def test_left_waiting_it_disarms(self, ready: Desk) -> None:
+    def test_left_waiting_it_disarms(self, ready: Gcs) -> None:
         assert upload(ready, [UP]) == ACCEPTED
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
         assert ready.command(ARM, 1) == ACCEPTED
@@ -107,15 +107,15 @@ class TestStart:
         assert took == pytest.approx(10.0, abs=0.5)  # DISARM_DELAY
 
     @pytest.mark.parametrize("p", [(1, 0), (0, 2)])
-    def test_parts_of_a_mission_cannot_be_started(self, ready: Desk, p: tuple[int, int]) -> None:
+    def test_parts_of_a_mission_cannot_be_started(self, ready: Gcs, p: tuple[int, int]) -> None:
         assert ready.command(START, *p) == DENIED
 
 
 class Record:
     """One flight: where it was every tenth of a second since MISSION_START, and when it reached and said what."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, gcs: Gcs) -> None:
+        self.gcs = gcs
         self.track: list[tuple[float, float, float]] = []
         self.speeds: list[tuple[float, float]] = []
         self.reached: dict[int, float] = {}
@@ -124,17 +124,17 @@ class Record:
         self.disarmed: float | None = None
 
     def note(self, t: float) -> None:
-        copter, sense = self.desk.vehicle.copter, self.desk.vehicle.copter.sense
+        copter, sense = self.gcs.vehicle.copter, self.gcs.vehicle.copter.sense
         self.track.append(copter.local)
         self.speeds.append((sense.vn, sense.ve))
-        for seq in reached(self.desk):
+        for seq in reached(self.gcs):
             self.reached[seq] = t
             self.order.append(seq)
-        for text in self.desk.texts():
+        for text in self.gcs.texts():
             self.said.setdefault(text, t)
         if not copter.armed and self.disarmed is None:
             self.disarmed = t
-        self.desk.frames.clear()
+        self.gcs.frames.clear()
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Where it was then: north, east, up."""
@@ -183,10 +183,10 @@ def flown() -> Iterator[dict[str, Record]]:
     """All plans at once, each on a copter of its own that starts where the worlds' home is."""
     specs = [VehicleSpec(start_ned_m=(0.0, 0.0, 0.0)) for _ in PLANS]
     world = World(specs, ready_s=0.5, epoch_s=86400.0 * 20000)  # midnight
-    records = {name: Record(Desk(world, vehicle)) for name, vehicle in zip(PLANS, world.vehicles, strict=True)}
+    records = {name: Record(Gcs(world, vehicle)) for name, vehicle in zip(PLANS, world.vehicles, strict=True)}
     world.step(1.0)
     for name, record in records.items():
-        fly(record.desk, PLANS[name])
+        fly(record.gcs, PLANS[name])
     start = world.time_s
     while world.time_s - start < FLOWN_S:
         for record in records.values():
@@ -203,7 +203,7 @@ def test_a_whole_mission_takes_as_long_as_the_real_one(flown: dict[str, Record])
     # In the middle of the first corner, measured (28.9, 1.3).
     assert record.at(record.reached[2])[:2] == pytest.approx((28.9, 1.3), abs=0.4)
     assert 3 not in record.reached  # items 3 and 4 are done at once: the last one is told
-    fields = record.desk.last("MISSION_CURRENT")
+    fields = record.gcs.last("MISSION_CURRENT")
     assert (fields["seq"], fields["total"], fields["mission_state"], fields["mission_mode"]) == (7, 7, 3, 1)
 
 
@@ -248,7 +248,7 @@ class TestCommands:
         assert record.disarmed is not None
         assert record.at(FLOWN_S) == pytest.approx((0, 0, 0), abs=0.3)
         assert record.order[-1] == 3
-        assert mode(record.desk) == AUTO
+        assert mode(record.gcs) == AUTO
 
     @pytest.mark.parametrize(("name", "place"), [("land there", (8, 3, 0)), ("land", (0, 0, 0))])
     def test_a_landing_ends_it_all(self, flown: dict[str, Record], name: str, place: tuple[int, ...]) -> None:
@@ -265,23 +265,23 @@ class TestCommands:
     def test_jumps_without_end_do_not_hang_it(self, flown: dict[str, Record]) -> None:
         record = flown["no end"]
         assert record.at(FLOWN_S)[2] == pytest.approx(5.0, abs=0.3)
-        assert record.desk.last("MISSION_CURRENT")["mission_state"] == 5
+        assert record.gcs.last("MISSION_CURRENT")["mission_state"] == 5
 
     def test_home_can_be_moved(self, flown: dict[str, Record]) -> None:
-        assert flown["home"].desk.vehicle.copter.home_world == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
+        assert flown["home"].gcs.vehicle.copter.home_world == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
         assert 3 in flown["home"].reached
 
 
-def test_wind_does_not_blow_it_off(make_desk: MakeDesk) -> None:
-    desk = make_desk(wind=(3.0, 5.0, 0.0))
-    aloft(desk, [at(16, 20, 0, 5)])
-    while 2 not in reached(desk):
-        desk.world.step(0.2)
-        assert abs(desk.ned[1]) < 1.5
-    assert desk.near(20, 0, -5, 2.0)
+def test_wind_does_not_blow_it_off(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs(wind=(3.0, 5.0, 0.0))
+    aloft(gcs, [at(16, 20, 0, 5)])
+    while 2 not in reached(gcs):
+        gcs.world.step(0.2)
+        assert abs(gcs.ned[1]) < 1.5
+    assert gcs.near(20, 0, -5, 2.0)
 
 
-def test_speeds_are_changed_for_this_mission_only(ready: Desk) -> None:
+def test_speeds_are_changed_for_this_mission_only(ready: Gcs) -> None:
     aloft(ready, [do(178, 1, 2.0), at(16, 60, 0, 5)])
     ready.until(lambda: ready.ned[0] > 8.0)
     assert ready.vehicle.copter.sense.vn == pytest.approx(2.0, abs=0.1)
@@ -293,7 +293,7 @@ def test_speeds_are_changed_for_this_mission_only(ready: Desk) -> None:
 
 
 class TestUnderWay:
-    def test_at_the_end_it_stays_where_it_is(self, ready: Desk) -> None:
+    def test_at_the_end_it_stays_where_it_is(self, ready: Gcs) -> None:
         aloft(ready, [at(16, 10, 0, 5)])
         done(ready, 2)
         ready.world.step(6.0)
@@ -302,20 +302,20 @@ class TestUnderWay:
         assert ready.last("MISSION_CURRENT")["mission_state"] == 5
 
     @pytest.mark.parametrize(("restart", "first"), [(0, 3), (1, 1)])
-    def test_coming_back_it_goes_on_or_starts_again(self, make_desk: MakeDesk, restart: int, first: int) -> None:
-        desk = make_desk([VehicleSpec(params={"MIS_RESTART": restart})])
-        aloft(desk, [at(16, 10, 0, 5), at(16, 30, 0, 5)])
-        done(desk, 2)
-        assert desk.command(SET_MODE, 1, LOITER) == ACCEPTED
-        assert desk.last("MISSION_CURRENT")["mission_state"] == 2
-        desk.vehicle.copter.pilot.sticks(throttle=0.5)
-        desk.world.step(3.0)
-        desk.clear("MISSION_ITEM_REACHED")
-        assert desk.command(SET_MODE, 1, AUTO) == ACCEPTED
-        desk.until(lambda: bool(reached(desk)))
-        assert reached(desk)[0] == first
+    def test_coming_back_it_goes_on_or_starts_again(self, make_gcs: MakeGcs, restart: int, first: int) -> None:
+        gcs = make_gcs([VehicleSpec(params={"MIS_RESTART": restart})])
+        aloft(gcs, [at(16, 10, 0, 5), at(16, 30, 0, 5)])
+        done(gcs, 2)
+        assert gcs.command(SET_MODE, 1, LOITER) == ACCEPTED
+        assert gcs.last("MISSION_CURRENT")["mission_state"] == 2
+        gcs.vehicle.copter.pilot.sticks(throttle=0.5)
+        gcs.world.step(3.0)
+        gcs.clear("MISSION_ITEM_REACHED")
+        assert gcs.command(SET_MODE, 1, AUTO) == ACCEPTED
+        gcs.until(lambda: bool(reached(gcs)))
+        assert reached(gcs)[0] == first
 
-    def test_after_its_end_it_starts_again(self, ready: Desk) -> None:
+    def test_after_its_end_it_starts_again(self, ready: Gcs) -> None:
         aloft(ready, [at(16, 5, 0, 5)])
         done(ready, 2)
         ready.world.step(1.0)
@@ -325,14 +325,14 @@ class TestUnderWay:
         done(ready, 2)
         assert reached(ready)[0] == 1
 
-    def test_another_item_can_be_made_current(self, ready: Desk) -> None:
+    def test_another_item_can_be_made_current(self, ready: Gcs) -> None:
         aloft(ready, [at(16, 60, 0, 5), at(16, 0, 60, 5), at(16, 5, 5, 5)])
         ready.world.step(2.0)
         ready.send("MISSION_SET_CURRENT", seq=4)
         ready.until(lambda: ready.near(5, 5, -5, 1.0))
         assert reached(ready) == [1]
 
-    def test_a_running_mission_cannot_be_cleared(self, ready: Desk) -> None:
+    def test_a_running_mission_cannot_be_cleared(self, ready: Gcs) -> None:
         aloft(ready, [at(16, 40, 0, 5)])
         ready.send("MISSION_CLEAR_ALL")
         assert ready.all("MISSION_ACK")[-1]["type"] == 1
@@ -340,7 +340,7 @@ class TestUnderWay:
         ready.send("MISSION_CLEAR_ALL")
         assert ready.all("MISSION_ACK")[-1]["type"] == 0
 
-    def test_the_pilot_takes_over(self, ready: Desk) -> None:
+    def test_the_pilot_takes_over(self, ready: Gcs) -> None:
         aloft(ready, [at(16, 60, 0, 5)])
         ready.vehicle.pilot_mode("LOITER")
         ready.world.step(4.0)
@@ -349,7 +349,7 @@ class TestUnderWay:
         ready.world.step(2.0)
         assert ready.near(*there, within=0.3)
 
-    def test_where_it_goes_is_reported(self, ready: Desk) -> None:
+    def test_where_it_goes_is_reported(self, ready: Gcs) -> None:
         aloft(ready, [at(16, 40, 0, 5)])
         ready.world.step(1.0)
         target = ready.last("POSITION_TARGET_GLOBAL_INT")

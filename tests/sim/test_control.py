@@ -25,7 +25,7 @@ from zmav.sim.sensors.noise import NONE
 from zmav.sim.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import MakeDesk
+    from tests.sim.conftest import MakeGcs
 
 DT, STEPS = 1 / 200, 2
 
@@ -222,12 +222,12 @@ def test_the_approach_can_always_be_braked(distance: float, gain: float, braking
     assert speed(join * (1 - 1e-9)) == pytest.approx(speed(join * (1 + 1e-9)), rel=1e-6)
 
 
-def test_gains_follow_their_parameters_and_default_to_what_was_measured(make_desk: MakeDesk) -> None:
-    desk = make_desk()
-    fleet = desk.vehicle.node.seat.fleet
+def test_gains_follow_their_parameters_and_default_to_what_was_measured(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs()
+    fleet = gcs.vehicle.node.seat.fleet
     assert isinstance(fleet, CopterFleet)
     plain = arducopter_gains(1)
     for name in ("pos_p", "vel_p", "vel_i", "angle_p", "rate_p", "rate_i"):
         assert getattr(fleet.setpoints.gains, name) == pytest.approx(getattr(plain, name), rel=1e-6)
-    desk.vehicle.copter.params.set("ATC_RAT_PIT_P", 0.27)
+    gcs.vehicle.copter.params.set("ATC_RAT_PIT_P", 0.27)
     assert fleet.setpoints.gains.rate_p[:, 0] == pytest.approx([18.0, 36.0, 7.0], rel=1e-6)

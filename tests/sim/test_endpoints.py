@@ -22,7 +22,7 @@ from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, addresses, parse_endpoint
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import MakeDesk
+    from tests.sim.conftest import MakeGcs
 
 PATIENCE_S = 30.0
 LOOPBACK = "127.0.0.1"
@@ -157,10 +157,10 @@ class TestSerialLine:
             link.close()
         assert stamps == sorted(set(stamps))
 
-    def test_what_was_said_while_nobody_listened_is_lost(self, make_desk: MakeDesk) -> None:
+    def test_what_was_said_while_nobody_listened_is_lost(self, make_gcs: MakeGcs) -> None:
         """Nor does the next client read what the last one left."""
-        desk = make_desk([VehicleSpec(endpoints=("pty",))])
-        world, vehicle = desk.world, desk.vehicle
+        gcs = make_gcs([VehicleSpec(endpoints=("pty",))])
+        world, vehicle = gcs.world, gcs.vehicle
         world.open()
         device = vehicle.url.partition(",")[0]
         world.step(3.0)
@@ -171,26 +171,26 @@ class TestSerialLine:
             assert not vehicle.endpoints[0].clients()
             serve(world, 1.5)
             assert vehicle.endpoints[0].clients() == 1
-            frames = Splitter(desk.dialect).feed(read_soon(client))
+            frames = Splitter(gcs.dialect).feed(read_soon(client))
             assert [frame.msgid for frame in frames].count(0) in (1, 2)
             serve(world, 5.0)
             os.close(client)
             serve(world, 5.0)
 
-    def test_it_waits_for_a_descriptor_where_none_is_left(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(endpoints=("pty",))])
-        desk.world.open()
-        client = os.open(desk.vehicle.url.partition(",")[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    def test_it_waits_for_a_descriptor_where_none_is_left(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs([VehicleSpec(endpoints=("pty",))])
+        gcs.world.open()
+        client = os.open(gcs.vehicle.url.partition(",")[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         os.close(lowest := os.dup(client))
         resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
         try:
-            serve(desk.world, 1.0)
+            serve(gcs.world, 1.0)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        assert desk.vehicle.endpoints[0].clients() == 0
-        serve(desk.world, 1.0)
-        assert desk.vehicle.endpoints[0].clients() == 1
+        assert gcs.vehicle.endpoints[0].clients() == 0
+        serve(gcs.world, 1.0)
+        assert gcs.vehicle.endpoints[0].clients() == 1
         os.close(client)
 
     def test_one_that_never_reads_holds_nobody_up(self, running: Any) -> None:

@@ -22,25 +22,25 @@ from zmav.sim.protocol.filesystem import MOST, FileError, FileSystem
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.sim.conftest import Desk
+    from tests.sim.conftest import Gcs
 
 
 class Client:
-    """Sends single packets at a desk, and reads what they bring."""
+    """Sends single packets at a ground station, and reads what they bring."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, gcs: Gcs) -> None:
+        self.gcs = gcs
         self.seq = 0
 
     def send(self, op: int, data: bytes = b"", *, session: int = 5, seq: int | None = None, **more: Any) -> None:
         self.seq = self.seq + 2 if seq is None else seq
         packet = Packet(self.seq, session, op, **{"size": len(data), **more}, data=data)
-        self.desk.clear("FILE_TRANSFER_PROTOCOL")
-        self.desk.send("FILE_TRANSFER_PROTOCOL", payload=pack(packet))
+        self.gcs.clear("FILE_TRANSFER_PROTOCOL")
+        self.gcs.send("FILE_TRANSFER_PROTOCOL", payload=pack(packet))
 
     @property
     def answers(self) -> list[Packet]:
-        return [unpack(m["payload"]) for m in self.desk.all("FILE_TRANSFER_PROTOCOL")]
+        return [unpack(m["payload"]) for m in self.gcs.all("FILE_TRANSFER_PROTOCOL")]
 
     def ask(self, op: int, data: bytes = b"", **more: Any) -> Packet:
         self.send(op, data, **more)
@@ -51,12 +51,12 @@ class Client:
 
 
 @pytest.fixture
-def client(desk: Desk) -> Client:
-    return Client(desk)
+def client(gcs: Gcs) -> Client:
+    return Client(gcs)
 
 
-def storage(desk: Desk) -> Storage:
-    node = desk.vehicle.node
+def storage(gcs: Gcs) -> Storage:
+    node = gcs.vehicle.node
     assert isinstance(node, MavNode)
     return node.storage
 
@@ -99,25 +99,25 @@ def test_one_session_which_others_get_after_three_idle_seconds(client: Client) -
     assert client.ask(Op.RESET_SESSIONS, session=6).opcode == Op.ACK
     assert client.ask(Op.WRITE_FILE, b"abc", session=5).opcode == Op.ACK
     assert client.ask(Op.CREATE_FILE, b"/APM/y", session=5).nak is Nak.FAIL
-    client.desk.world.step(3.1)
+    client.gcs.world.step(3.1)
     assert client.ask(Op.LIST_DIRECTORY, b"/", session=6).opcode == Op.ACK
     assert client.ask(Op.WRITE_FILE, b"abc", session=5).nak is Nak.FILE_NOT_FOUND
 
 
 def test_a_burst_is_500_packets_and_ends_with_the_file(client: Client) -> None:
     size = MOST_DATA * 501 + 10
-    storage(client.desk).files.create("/APM/f")
-    storage(client.desk).files.write("/APM/f", 0, bytes(size))
+    storage(client.gcs).files.create("/APM/f")
+    storage(client.gcs).files.write("/APM/f", 0, bytes(size))
     assert int.from_bytes(client.ask(Op.OPEN_FILE_RO, b"/APM/f").data, "little") == size
     client.send(Op.BURST_READ_FILE, size=MOST_DATA)
-    client.desk.world.step(1.0)
+    client.gcs.world.step(1.0)
     packets = client.answers
     assert len(packets) == 500
     assert [p.offset for p in packets] == list(range(0, 500 * MOST_DATA, MOST_DATA))
     assert [p.seq for p in packets] == list(range(client.seq + 1, client.seq + 501))
     assert [p.burst_complete for p in packets] == [False] * 499 + [True]
     client.send(Op.BURST_READ_FILE, size=MOST_DATA, offset=500 * MOST_DATA, seq=2000)
-    client.desk.world.step(0.1)
+    client.gcs.world.step(0.1)
     full, short, end = client.answers
     assert (len(full.data), full.burst_complete) == (MOST_DATA, False)
     assert (len(short.data), short.burst_complete) == (10, True)
@@ -162,7 +162,7 @@ def test_generated_files_are_read_in_steps_of_one_size(client: Client) -> None:
     client.ask(Op.TERMINATE_SESSION)
     client.ask(Op.OPEN_FILE_RO, f"{PATH}?start=3&count=2".encode())
     found = unpack_params(client.ask(Op.READ_FILE, size=MOST_DATA).data)
-    assert [p.name for p in found] == client.desk.vehicle.copter.params.names[3:5]
+    assert [p.name for p in found] == client.gcs.vehicle.copter.params.names[3:5]
     client.ask(Op.TERMINATE_SESSION)
     client.ask(Op.OPEN_FILE_RO, f"{PATH}?start=x".encode())
     assert client.ask(Op.READ_FILE, size=MOST_DATA).errno == 22
@@ -227,7 +227,7 @@ def test_a_packet_there_and_back() -> None:
 
 def test_plans_are_files_as_pymavlink_reads_them(client: Client) -> None:
     """Header and items as MAVProxy takes them apart, each item as it is when it is read."""
-    desk, copter = client.desk, client.desk.vehicle.copter
+    gcs, copter = client.gcs, client.gcs.vehicle.copter
     places = [Item(command=16, frame=3, x=-353632610 + n, y=1491652300, z=20.0 + n, p1=1.0) for n in range(30)]
     for item in places:
         copter.mission.add(item)
@@ -244,10 +244,10 @@ def test_plans_are_files_as_pymavlink_reads_them(client: Client) -> None:
         assert struct.unpack_from("<5H", data) == (0x763D, number, 0, 0, count)
         assert len(data) == 10 + count * layout.size
         rows = [layout.unpack_from(data, 10 + n * layout.size) for n in range(count)]
-        desk.clear("MISSION_ITEM_INT")
+        gcs.clear("MISSION_ITEM_INT")
         for seq in range(count):
-            desk.send("MISSION_REQUEST_INT", seq=seq, mission_type=number)
-        items = desk.all("MISSION_ITEM_INT")
+            gcs.send("MISSION_REQUEST_INT", seq=seq, mission_type=number)
+        items = gcs.all("MISSION_ITEM_INT")
         names = ("param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command")
         assert [row[:9] for row in rows] == [tuple(item[name] for name in names) for item in items]
         more = ("frame", "current", "autocontinue", "mission_type")
@@ -255,7 +255,7 @@ def test_plans_are_files_as_pymavlink_reads_them(client: Client) -> None:
 
 
 def test_a_plan_that_changes_while_it_is_read_is_read_as_it_then_is(client: Client) -> None:
-    mission = client.desk.vehicle.copter.mission
+    mission = client.gcs.vehicle.copter.mission
     for n in range(20):
         mission.add(Item(command=16, x=1 + n, y=1, z=10.0))
     client.ask(Op.OPEN_FILE_RO, b"@MISSION/mission.dat")
@@ -267,9 +267,9 @@ def test_a_plan_that_changes_while_it_is_read_is_read_as_it_then_is(client: Clie
     assert client.ask(Op.READ_FILE, size=MOST_DATA, offset=10 + 12 * 38).nak is Nak.EOF
 
 
-def plan_of(desk: Desk, kind: int, *items: dict[str, Any], **header: int) -> bytes:
+def plan_of(gcs: Gcs, kind: int, *items: dict[str, Any], **header: int) -> bytes:
     head = {"magic": 0x763D, "kind": kind, "options": 0, "start": 0, "count": len(items), **header}
-    packed = (plan_file.pack_item({"seq": n, "frame": 3, **item}, desk.dialect) for n, item in enumerate(items))
+    packed = (plan_file.pack_item({"seq": n, "frame": 3, **item}, gcs.dialect) for n, item in enumerate(items))
     return struct.pack("<5H", *head.values()) + b"".join(packed)
 
 
@@ -287,8 +287,8 @@ def put(client: Client, kind: str, data: bytes) -> None:
     assert client.ask(Op.TERMINATE_SESSION).opcode == Op.ACK
 
 
-def altitudes(desk: Desk) -> list[float]:
-    mission = desk.vehicle.copter.mission
+def altitudes(gcs: Gcs) -> list[float]:
+    mission = gcs.vehicle.copter.mission
     return [item.z for seq in range(1, len(mission)) if isinstance(item := mission.read(seq), Item)]
 
 
@@ -305,10 +305,10 @@ def altitudes(desk: Desk) -> list[float]:
     ],
 )
 def test_a_mission_is_written_as_a_file(client: Client, change: dict[str, int], left: list[float]) -> None:
-    desk = client.desk
-    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(10.0), waypoint(11.0)))
-    put(client, "mission", plan_of(desk, 0, waypoint(0.0), *(waypoint(z) for z in (30.0, 31.0, 32.0)), **change))
-    assert altitudes(desk) == left
+    gcs = client.gcs
+    put(client, "mission", plan_of(gcs, 0, waypoint(0.0), waypoint(10.0), waypoint(11.0)))
+    put(client, "mission", plan_of(gcs, 0, waypoint(0.0), *(waypoint(z) for z in (30.0, 31.0, 32.0)), **change))
+    assert altitudes(gcs) == left
 
 
 @pytest.mark.parametrize(
@@ -321,43 +321,43 @@ def test_a_mission_is_written_as_a_file(client: Client, change: dict[str, int], 
 )
 def test_a_bad_item_of_a_file_leaves_half_a_mission(client: Client, third: dict[str, Any], left: list[float]) -> None:
     """What is nothing but zeros was never written: then all of it is refused."""
-    desk = client.desk
-    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(10.0), waypoint(11.0)))
-    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(30.0), {**waypoint(31.0), **third}, waypoint(32.0)))
-    assert altitudes(desk) == left
-    assert not desk.all("MISSION_ACK")
+    gcs = client.gcs
+    put(client, "mission", plan_of(gcs, 0, waypoint(0.0), waypoint(10.0), waypoint(11.0)))
+    put(client, "mission", plan_of(gcs, 0, waypoint(0.0), waypoint(30.0), {**waypoint(31.0), **third}, waypoint(32.0)))
+    assert altitudes(gcs) == left
+    assert not gcs.all("MISSION_ACK")
 
 
 def test_a_mission_that_is_flown_keeps_its_end(client: Client) -> None:
     """A file cannot clear it, so the rest of the old one stays behind a shorter one."""
-    desk = client.desk
-    put(client, "mission", plan_of(desk, 0, waypoint(0.0), *(waypoint(10.0 + n) for n in range(5))))
-    desk.put_up()
-    assert desk.command(176, 1, 3) == 0
-    desk.until(lambda: desk.vehicle.copter.mission.state is State.RUNNING)
-    put(client, "mission", plan_of(desk, 0, waypoint(0.0), waypoint(30.0)))
-    assert altitudes(desk) == [30.0, 11.0, 12.0, 13.0, 14.0]
+    gcs = client.gcs
+    put(client, "mission", plan_of(gcs, 0, waypoint(0.0), *(waypoint(10.0 + n) for n in range(5))))
+    gcs.put_up()
+    assert gcs.command(176, 1, 3) == 0
+    gcs.until(lambda: gcs.vehicle.copter.mission.state is State.RUNNING)
+    put(client, "mission", plan_of(gcs, 0, waypoint(0.0), waypoint(30.0)))
+    assert altitudes(gcs) == [30.0, 11.0, 12.0, 13.0, 14.0]
 
 
 def test_fences_and_rally_points_are_written_as_files(client: Client) -> None:
-    copter = client.desk.vehicle.copter
+    copter = client.gcs.vehicle.copter
     circle, point = waypoint(0.0, command=5003, param1=90.0), waypoint(20.0, command=5100)
-    put(client, "fence", plan_of(client.desk, 1, circle))
-    put(client, "rally", plan_of(client.desk, 2, point, point))
+    put(client, "fence", plan_of(client.gcs, 1, circle))
+    put(client, "rally", plan_of(client.gcs, 2, point, point))
     assert (len(copter.fence.items), len(copter.rally)) == (1, 2)
-    put(client, "fence", plan_of(client.desk, 1, circle, waypoint(0.0)))
-    put(client, "fence", plan_of(client.desk, 1, circle, circle, options=1))
-    put(client, "rally", plan_of(client.desk, 2, point, options=1))
+    put(client, "fence", plan_of(client.gcs, 1, circle, waypoint(0.0)))
+    put(client, "fence", plan_of(client.gcs, 1, circle, circle, options=1))
+    put(client, "rally", plan_of(client.gcs, 2, point, options=1))
     assert (len(copter.fence.items), len(copter.rally)) == (1, 2)
-    put(client, "rally", plan_of(client.desk, 2, point, waypoint(0.0), point))
+    put(client, "rally", plan_of(client.gcs, 2, point, waypoint(0.0), point))
     assert len(copter.rally) == 1  # what stood before the bad one
 
 
 def test_a_file_that_nobody_closes_is_closed_for_the_next(client: Client) -> None:
-    desk = client.desk
-    data = plan_of(desk, 0, waypoint(0.0), waypoint(30.0))
+    gcs = client.gcs
+    data = plan_of(gcs, 0, waypoint(0.0), waypoint(30.0))
     assert client.ask(Op.CREATE_FILE, b"@MISSION/mission.dat", session=5).opcode == Op.ACK
     assert client.ask(Op.WRITE_FILE, data, session=5).opcode == Op.ACK
-    desk.world.step(3.1)
+    gcs.world.step(3.1)
     assert client.ask(Op.LIST_DIRECTORY, b"/", session=6).opcode == Op.ACK
-    assert altitudes(desk) == [30.0]
+    assert altitudes(gcs) == [30.0]

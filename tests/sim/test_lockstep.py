@@ -12,7 +12,7 @@ from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.sim.lockstep import Lockstep
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import Desk, MakeDesk
+    from tests.sim.conftest import Gcs, MakeGcs
 
 PATIENCE_S = 30.0
 GUIDED = 4
@@ -137,33 +137,33 @@ def test_the_world_waits_while_a_client_thinks() -> None:
 class Answerer:
     """An outlet that answers each TIMESYNC at once, unless it sulks."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, gcs: Gcs) -> None:
+        self.gcs = gcs
         self.sulks = False
         self.asked: list[int] = []
 
     def step(self) -> None:
-        for message in self.desk.all("TIMESYNC"):
+        for message in self.gcs.all("TIMESYNC"):
             if message["tc1"] == 0 and message["ts1"] not in self.asked:
                 self.asked.append(message["ts1"])
                 if not self.sulks:
-                    self.desk.send("TIMESYNC", tc1=1, ts1=message["ts1"])
-        self.desk.clear()
+                    self.gcs.send("TIMESYNC", tc1=1, ts1=message["ts1"])
+        self.gcs.clear()
 
 
-def test_one_that_stops_answering_is_left_out_and_may_come_back(make_desk: MakeDesk) -> None:
-    desk = make_desk()
+def test_one_that_stops_answering_is_left_out_and_may_come_back(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs()
     wall, said = [100.0], list[str]()
-    lockstep = Lockstep(desk.world.vehicles, said.append, patience_s=1.0, clock=lambda: wall[0])
-    answerer = Answerer(desk)
+    lockstep = Lockstep(gcs.world.vehicles, said.append, patience_s=1.0, clock=lambda: wall[0])
+    answerer = Answerer(gcs)
 
     def go(seconds: float) -> bool:
         """Whether the world could go on for so long, at ten times real time."""
         for _ in range(round(seconds / 0.01)):
             if not lockstep.ready():
                 return False
-            desk.world.step()
-            lockstep.ticked(desk.world.time_s)
+            gcs.world.step()
+            lockstep.ticked(gcs.world.time_s)
             wall[0] += 0.001
             answerer.step()
         return True
@@ -192,18 +192,18 @@ def test_one_that_stops_answering_is_left_out_and_may_come_back(make_desk: MakeD
     assert len(said) == 1  # once for each client
 
 
-def test_one_that_answers_late_does_not_join(make_desk: MakeDesk) -> None:
-    desk = make_desk()
+def test_one_that_answers_late_does_not_join(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs()
     wall = [100.0]
-    lockstep = Lockstep(desk.world.vehicles, lambda text: None, patience_s=1.0, clock=lambda: wall[0])
+    lockstep = Lockstep(gcs.world.vehicles, lambda text: None, patience_s=1.0, clock=lambda: wall[0])
     for _ in range(4):
-        desk.world.step(1.0)
-        lockstep.ticked(desk.world.time_s)
+        gcs.world.step(1.0)
+        lockstep.ticked(gcs.world.time_s)
         wall[0] += 0.6
-        for message in desk.all("TIMESYNC"):
+        for message in gcs.all("TIMESYNC"):
             if message["tc1"] == 0:
-                desk.send("TIMESYNC", tc1=1, ts1=message["ts1"])
-        desk.clear()
+                gcs.send("TIMESYNC", tc1=1, ts1=message["ts1"])
+        gcs.clear()
         assert lockstep.members == 0
         assert lockstep.ready()
 
@@ -218,36 +218,36 @@ def test_one_that_answers_late_does_not_join(make_desk: MakeDesk) -> None:
     ],
 )
 def test_no_fault_has_the_world_wait_for_answers_that_cannot_come(
-    make_desk: MakeDesk, kind: str, parameters: dict[str, Any], asked: int
+    make_gcs: MakeGcs, kind: str, parameters: dict[str, Any], asked: int
 ) -> None:
-    desk = make_desk()
-    lockstep = Lockstep(desk.world.vehicles, lambda text: None, clock=lambda: desk.world.time_s / 10)
-    answerer = Answerer(desk)
+    gcs = make_gcs()
+    lockstep = Lockstep(gcs.world.vehicles, lambda text: None, clock=lambda: gcs.world.time_s / 10)
+    answerer = Answerer(gcs)
     for tick in range(400):
         assert lockstep.ready()
-        desk.world.step()
-        lockstep.ticked(desk.world.time_s)
+        gcs.world.step()
+        lockstep.ticked(gcs.world.time_s)
         answerer.step()
         if tick == 199:
             assert lockstep.members == 1
-            desk.world.fault("quad1", kind, **parameters)
+            gcs.world.fault("quad1", kind, **parameters)
             before = len(answerer.asked)
         if tick == 299:
             assert len(answerer.asked) - before == pytest.approx(asked, abs=2)
-            desk.world.clear()
+            gcs.world.clear()
             before = len(answerer.asked)
     assert lockstep.members == 1
     assert len(answerer.asked) - before == pytest.approx(50, abs=2)
 
 
-def test_a_link_without_room_is_not_waited_for(make_desk: MakeDesk) -> None:
-    desk = make_desk()
-    lockstep = Lockstep(desk.world.vehicles, lambda text: None)
-    desk.world.step(1.0)
+def test_a_link_without_room_is_not_waited_for(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs()
+    lockstep = Lockstep(gcs.world.vehicles, lambda text: None)
+    gcs.world.step(1.0)
     lockstep.ticked(1.0)
-    desk.send("TIMESYNC", tc1=1, ts1=desk.all("TIMESYNC")[-1]["ts1"])
+    gcs.send("TIMESYNC", tc1=1, ts1=gcs.all("TIMESYNC")[-1]["ts1"])
     assert lockstep.members == 1
-    desk.limit = 0
-    desk.world.step(1.0)
+    gcs.limit = 0
+    gcs.world.step(1.0)
     lockstep.ticked(2.0)
     assert lockstep.ready()

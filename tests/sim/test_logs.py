@@ -18,13 +18,13 @@ from zmav.sim.protocol.px4.storage import MAGIC, UlogWriter
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.sim.conftest import Desk, MakeDesk
+    from tests.sim.conftest import Gcs, MakeGcs
 
 EPOCH_S = 1_790_000_000.0
 
 
-def storage(desk: Desk) -> Storage:
-    node = desk.vehicle.node
+def storage(gcs: Gcs) -> Storage:
+    node = gcs.vehicle.node
     assert isinstance(node, MavNode)
     return node.storage
 
@@ -39,32 +39,32 @@ def read(data: bytes, path: Path) -> list[Any]:
     return found
 
 
-def test_a_flight_is_logged_and_read_by_pymavlink(make_desk: MakeDesk, tmp_path: Path) -> None:
-    desk = make_desk(epoch_s=EPOCH_S)
-    assert storage(desk).logs.logs == []
-    desk.put_up(5.0)
-    desk.command(176, 1, 9)
-    desk.until(lambda: not desk.vehicle.copter.armed)
-    (log,) = storage(desk).logs.logs
+def test_a_flight_is_logged_and_read_by_pymavlink(make_gcs: MakeGcs, tmp_path: Path) -> None:
+    gcs = make_gcs(epoch_s=EPOCH_S)
+    assert storage(gcs).logs.logs == []
+    gcs.put_up(5.0)
+    gcs.command(176, 1, 9)
+    gcs.until(lambda: not gcs.vehicle.copter.armed)
+    (log,) = storage(gcs).logs.logs
     messages = read(bytes(log.data), tmp_path / "log.bin")
     kinds = Counter(m.get_type() for m in messages)
-    assert kinds["PARM"] == len(desk.vehicle.copter.params)
+    assert kinds["PARM"] == len(gcs.vehicle.copter.params)
     texts = [m.Message for m in messages if m.get_type() == "MSG"]
     assert texts[0].startswith("ArduCopter V")
     assert "Disarming motors" in texts
-    assert log.end_s == pytest.approx(EPOCH_S + desk.world.time_s, abs=1.0)
+    assert log.end_s == pytest.approx(EPOCH_S + gcs.world.time_s, abs=1.0)
     assert kinds["FMT"] == 3
 
 
-def test_every_arming_begins_another_log(desk: Desk) -> None:
-    desk.until(lambda: desk.vehicle.copter.position_ok)
+def test_every_arming_begins_another_log(gcs: Gcs) -> None:
+    gcs.until(lambda: gcs.vehicle.copter.position_ok)
     for _ in range(2):
-        assert desk.command(400, 1) == 0
-        desk.world.step(0.5)
-        assert desk.command(400, 0) == 0
-        desk.world.step(0.1)
-    assert [log.name for log in storage(desk).logs.logs] == ["00000001.BIN", "00000002.BIN"]
-    assert [e.name for e in storage(desk).files.list("/APM/LOGS")] == ["00000001.BIN", "00000002.BIN"]
+        assert gcs.command(400, 1) == 0
+        gcs.world.step(0.5)
+        assert gcs.command(400, 0) == 0
+        gcs.world.step(0.1)
+    assert [log.name for log in storage(gcs).logs.logs] == ["00000001.BIN", "00000002.BIN"]
+    assert [e.name for e in storage(gcs).files.list("/APM/LOGS")] == ["00000001.BIN", "00000002.BIN"]
 
 
 def test_pymavlink_downloads_a_log_as_mavproxy_does() -> None:
@@ -92,42 +92,42 @@ def test_pymavlink_downloads_a_log_as_mavproxy_does() -> None:
         link.close()
 
 
-def test_nothing_is_given_out_while_armed_and_that_is_said_once(desk: Desk) -> None:
-    storage(desk).logs.begin(bytearray(b"x" * 300), EPOCH_S)
-    desk.until(lambda: desk.vehicle.copter.position_ok)
-    desk.command(400, 1)
-    desk.clear()
+def test_nothing_is_given_out_while_armed_and_that_is_said_once(gcs: Gcs) -> None:
+    storage(gcs).logs.begin(bytearray(b"x" * 300), EPOCH_S)
+    gcs.until(lambda: gcs.vehicle.copter.position_ok)
+    gcs.command(400, 1)
+    gcs.clear()
     for _ in range(2):
-        desk.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
-        desk.send("LOG_ERASE")
-    desk.world.step(0.2)
-    assert desk.all("LOG_ENTRY") == []
-    assert desk.texts().count("Disarm for log download") == 1
-    assert storage(desk).logs.logs[0].data == b"x" * 300
-    desk.command(400, 0)
-    desk.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
-    desk.world.step(0.2)
-    assert [e["id"] for e in desk.all("LOG_ENTRY")] == [1, 2]
+        gcs.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
+        gcs.send("LOG_ERASE")
+    gcs.world.step(0.2)
+    assert gcs.all("LOG_ENTRY") == []
+    assert gcs.texts().count("Disarm for log download") == 1
+    assert storage(gcs).logs.logs[0].data == b"x" * 300
+    gcs.command(400, 0)
+    gcs.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
+    gcs.world.step(0.2)
+    assert [e["id"] for e in gcs.all("LOG_ENTRY")] == [1, 2]
 
 
-def test_one_transfer_at_a_time(desk: Desk, another_desk: Any) -> None:
-    storage(desk).logs.begin(bytearray(b"x" * 100_000), EPOCH_S)
-    other = another_desk(desk.world, desk.vehicle)
-    desk.send("LOG_REQUEST_DATA", id=1, ofs=0, count=100_000)
-    desk.send("LOG_REQUEST_DATA", id=1, ofs=50_000, count=90)
+def test_one_transfer_at_a_time(gcs: Gcs, another_gcs: Any) -> None:
+    storage(gcs).logs.begin(bytearray(b"x" * 100_000), EPOCH_S)
+    other = another_gcs(gcs.world, gcs.vehicle)
+    gcs.send("LOG_REQUEST_DATA", id=1, ofs=0, count=100_000)
+    gcs.send("LOG_REQUEST_DATA", id=1, ofs=50_000, count=90)
     other.send("LOG_REQUEST_DATA", id=1, ofs=0, count=90)
-    desk.world.step(0.02)
+    gcs.world.step(0.02)
     assert "Log download in progress" in other.texts()
-    assert [m["ofs"] for m in desk.all("LOG_DATA")] == list(range(0, 320 * 90, 90))
-    desk.send("LOG_REQUEST_END")
-    desk.clear()
+    assert [m["ofs"] for m in gcs.all("LOG_DATA")] == list(range(0, 320 * 90, 90))
+    gcs.send("LOG_REQUEST_END")
+    gcs.clear()
     other.send("LOG_REQUEST_DATA", id=1, ofs=99_990, count=90)
-    desk.world.step(0.02)
-    assert desk.all("LOG_DATA") == []
+    gcs.world.step(0.02)
+    assert gcs.all("LOG_DATA") == []
     assert [(m["ofs"], m["count"]) for m in other.all("LOG_DATA")] == [(99_990, 10)]
     other.clear()
     other.send("LOG_REQUEST_DATA", id=9, ofs=0, count=90)
-    desk.world.step(0.02)
+    gcs.world.step(0.02)
     assert other.all("LOG_DATA") == []
 
 

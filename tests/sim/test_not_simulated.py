@@ -10,7 +10,7 @@ from tests.sim.plans import do, upload
 from zmav.sim import VehicleSpec
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import MakeDesk
+    from tests.sim.conftest import MakeGcs
 
 UNSUPPORTED, FAILED = 3, 4
 MODES = (
@@ -26,28 +26,28 @@ MODES = (
 
 
 @pytest.mark.parametrize(("autopilot", "number", "name"), MODES)
-def test_a_mode(make_desk: MakeDesk, autopilot: str, number: int, name: str) -> None:
-    desk = make_desk([VehicleSpec(autopilot=autopilot)])
-    desk.world.step(1.0)
-    before = desk.vehicle.brain.mode
-    assert desk.command(176, 1, number) == UNSUPPORTED
-    assert desk.texts()[-1] == f"{name} is not simulated"
-    assert desk.vehicle.brain.mode is before
-    assert desk.command(176, 1, 99) == FAILED
-    assert desk.texts()[-1] == "No such mode 99"
+def test_a_mode(make_gcs: MakeGcs, autopilot: str, number: int, name: str) -> None:
+    gcs = make_gcs([VehicleSpec(autopilot=autopilot)])
+    gcs.world.step(1.0)
+    before = gcs.vehicle.brain.mode
+    assert gcs.command(176, 1, number) == UNSUPPORTED
+    assert gcs.texts()[-1] == f"{name} is not simulated"
+    assert gcs.vehicle.brain.mode is before
+    assert gcs.command(176, 1, 99) == FAILED
+    assert gcs.texts()[-1] == "No such mode 99"
 
 
 @pytest.mark.parametrize(
     ("autopilot", "number"),
     [("arducopter", 209), ("ardurover", 194), ("arduplane", 43000), ("arducopter", 2000), ("arducopter", 193)],
 )
-def test_a_command(make_desk: MakeDesk, autopilot: str, number: int) -> None:
-    desk = make_desk([VehicleSpec(autopilot=autopilot)])
-    assert desk.command(number, 1, 0, 10, 1) == UNSUPPORTED
-    assert desk.texts()[-1] == f"MAV_CMD {number} is not simulated"
+def test_a_command(make_gcs: MakeGcs, autopilot: str, number: int) -> None:
+    gcs = make_gcs([VehicleSpec(autopilot=autopilot)])
+    assert gcs.command(number, 1, 0, 10, 1) == UNSUPPORTED
+    assert gcs.texts()[-1] == f"MAV_CMD {number} is not simulated"
 
 
-def test_a_mission_item(make_desk: MakeDesk) -> None:
-    desk = make_desk()
-    assert upload(desk, [do(222, 3.0)]) == UNSUPPORTED
-    assert desk.texts()[-1] == "Mission: MAV_CMD 222 is not simulated"
+def test_a_mission_item(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs()
+    assert upload(gcs, [do(222, 3.0)]) == UNSUPPORTED
+    assert gcs.texts()[-1] == "Mission: MAV_CMD 222 is not simulated"

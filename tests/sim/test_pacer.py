@@ -12,7 +12,7 @@ from zmav.sim import World
 from zmav.sim.clock import MOST_BEHIND_S, Pacer
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import MakeDesk
+    from tests.sim.conftest import MakeGcs
 
 
 class Wall:
@@ -141,13 +141,13 @@ def test_a_world_that_falls_behind_says_so_and_its_receivers_tell_utc() -> None:
     assert nodes[0].unix_us == pytest.approx(1.8e15 + 7.2e6, abs=10.0)
 
 
-def test_autopilots_of_a_slow_world_are_heard_each_second_all_the_same(make_desk: MakeDesk) -> None:
+def test_autopilots_of_a_slow_world_are_heard_each_second_all_the_same(make_gcs: MakeGcs) -> None:
     """Who listens has a real clock, and takes one for dead after three seconds of it without a HEARTBEAT."""
-    desk = make_desk()
-    desk.world.step(1.0)
-    before = len(desk.all("HEARTBEAT"))
-    desk.world.pacer.on_slow()
-    assert len(desk.all("HEARTBEAT")) == before + 1
-    desk.vehicle.node.hung = True
-    desk.world.pacer.on_slow()
-    assert len(desk.all("HEARTBEAT")) == before + 1
+    gcs = make_gcs()
+    gcs.world.step(1.0)
+    before = len(gcs.all("HEARTBEAT"))
+    gcs.world.pacer.on_slow()
+    assert len(gcs.all("HEARTBEAT")) == before + 1
+    gcs.vehicle.node.hung = True
+    gcs.world.pacer.on_slow()
+    assert len(gcs.all("HEARTBEAT")) == before + 1

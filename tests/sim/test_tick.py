@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from tests.sim.conftest import Desk
+from tests.sim.conftest import Gcs
 from tests.sim.px4.conftest import Companion
 from zmav.errors import BadConfig
 from zmav.sim import VehicleSpec, World
@@ -90,11 +90,11 @@ def test_an_arducopter_takes_off_alike() -> None:
     heights = []
     for tick_hz in (100, 300):
         world = World([VehicleSpec(endpoints=())], epoch_s=0.0, ready_s=0.5, tick_hz=tick_hz)
-        desk = Desk(world, world.vehicles[0])
-        desk.until(lambda v=world.vehicles[0]: v.copter.position_ok)  # type: ignore[misc]
-        assert [desk.command(176, 1, 4), desk.command(400, 1), desk.command(22, 0, 0, 0, 0, 0, 0, 5.0)] == [0, 0, 0]
+        gcs = Gcs(world, world.vehicles[0])
+        gcs.until(lambda v=world.vehicles[0]: v.copter.position_ok)  # type: ignore[misc]
+        assert [gcs.command(176, 1, 4), gcs.command(400, 1), gcs.command(22, 0, 0, 0, 0, 0, 0, 5.0)] == [0, 0, 0]
         world.step(5.0)
-        heights.append(desk.ned[2])
+        heights.append(gcs.ned[2])
         world.close()
     assert heights[0] < -1.0
     assert heights[0] == pytest.approx(heights[1], abs=0.05)

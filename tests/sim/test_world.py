@@ -18,7 +18,7 @@ from zmav.sim import Home, SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, parse_endpoint
 
 if TYPE_CHECKING:
-    from tests.sim.conftest import Desk, MakeDesk
+    from tests.sim.conftest import Gcs, MakeGcs
 
 PATIENCE_S = 30.0
 
@@ -64,32 +64,32 @@ def state(world: World) -> np.ndarray:
 
 
 class TestDeterminism:
-    def script(self, make_desk: MakeDesk, seed: int) -> np.ndarray:
-        desk = make_desk(2, seed=seed, noise="typical", wind=(2.0, 1.0, 0.0))
-        desk.take_off(3.0)
-        desk.goto(5.0, 3.0, -4.0)
-        desk.world.step(3.0)
-        return state(desk.world)
+    def script(self, make_gcs: MakeGcs, seed: int) -> np.ndarray:
+        gcs = make_gcs(2, seed=seed, noise="typical", wind=(2.0, 1.0, 0.0))
+        gcs.take_off(3.0)
+        gcs.goto(5.0, 3.0, -4.0)
+        gcs.world.step(3.0)
+        return state(gcs.world)
 
-    def test_two_worlds_of_one_seed_are_identical_and_of_another_are_not(self, make_desk: MakeDesk) -> None:
-        one, same, other = (self.script(make_desk, seed) for seed in (1, 1, 2))
+    def test_two_worlds_of_one_seed_are_identical_and_of_another_are_not(self, make_gcs: MakeGcs) -> None:
+        one, same, other = (self.script(make_gcs, seed) for seed in (1, 1, 2))
         assert (one == same).all()
         assert (one != other).any()
 
-    def test_even_their_words_are_the_same(self, make_desk: MakeDesk) -> None:
+    def test_even_their_words_are_the_same(self, make_gcs: MakeGcs) -> None:
         def words() -> list[bytes]:
-            desk = make_desk()
-            assert desk.command(511, 30, 5e4) == 0
-            assert desk.command(511, 24, 2e5) == 0
-            desk.world.step(2.0)
-            return [frame.data for frame in desk.frames]
+            gcs = make_gcs()
+            assert gcs.command(511, 30, 5e4) == 0
+            assert gcs.command(511, 24, 2e5) == 0
+            gcs.world.step(2.0)
+            return [frame.data for frame in gcs.frames]
 
         assert words() == words()
 
 
-def test_vehicles_stand_in_a_row_unless_told_otherwise(make_desk: MakeDesk) -> None:
+def test_vehicles_stand_in_a_row_unless_told_otherwise(make_gcs: MakeGcs) -> None:
     specs = [VehicleSpec(), VehicleSpec(start_ned_m=(5.0, -3.0, 0.0), yaw_deg=90.0), VehicleSpec(name="tail")]
-    world = make_desk(specs, spacing_m=7.0, home=Home(yaw_deg=-10.0)).world
+    world = make_gcs(specs, spacing_m=7.0, home=Home(yaw_deg=-10.0)).world
     world.step(0.1)
     found = [v.status() for v in world.vehicles]
     assert [s.ned_m for s in found] == [(0.0, 0.0, 0.0), (5.0, -3.0, 0.0), (0.0, 14.0, 0.0)]
@@ -98,9 +98,9 @@ def test_vehicles_stand_in_a_row_unless_told_otherwise(make_desk: MakeDesk) -> N
     assert [s.sysid for s in found] == [1, 2, 3]
 
 
-def test_each_reports_its_own_place(make_desk: MakeDesk, another_desk: type[Desk]) -> None:
-    first = make_desk(2, home=Home(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=400.0))
-    second = another_desk(first.world, first.world.vehicles[1])
+def test_each_reports_its_own_place(make_gcs: MakeGcs, another_gcs: type[Gcs]) -> None:
+    first = make_gcs(2, home=Home(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=400.0))
+    second = another_gcs(first.world, first.world.vehicles[1])
     first.world.step(1.0)
     east = second.last("GLOBAL_POSITION_INT")["lon"] - first.last("GLOBAL_POSITION_INT")["lon"]
     assert east == pytest.approx(10.0 / (111318.845 * np.cos(np.radians(47.0))) * 1e7, abs=2)
@@ -108,9 +108,9 @@ def test_each_reports_its_own_place(make_desk: MakeDesk, another_desk: type[Desk
     assert second.last("LOCAL_POSITION_NED")["y"] == 0.0  # about its own origin
 
 
-def test_two_airframes_fly_side_by_side(make_desk: MakeDesk, another_desk: type[Desk]) -> None:
-    first = make_desk([VehicleSpec(airframe="hexa"), VehicleSpec()])
-    second = another_desk(first.world, first.world.vehicles[1])
+def test_two_airframes_fly_side_by_side(make_gcs: MakeGcs, another_gcs: type[Gcs]) -> None:
+    first = make_gcs([VehicleSpec(airframe="hexa"), VehicleSpec()])
+    second = another_gcs(first.world, first.world.vehicles[1])
     assert first.last("HEARTBEAT")["type"] == 13
     assert second.last("HEARTBEAT")["type"] == 2
     first.take_off(3.0)
@@ -187,9 +187,9 @@ def test_a_port_in_use_is_said_and_leaves_nothing_open() -> None:
         assert world.vehicles[0].endpoints == []
 
 
-def test_a_vehicle_without_an_endpoint_says_so(make_desk: MakeDesk) -> None:
+def test_a_vehicle_without_an_endpoint_says_so(make_gcs: MakeGcs) -> None:
     with pytest.raises(BadInput, match="no open endpoint"):
-        _ = make_desk().vehicle.url
+        _ = make_gcs().vehicle.url
 
 
 @pytest.fixture
@@ -452,32 +452,32 @@ class TestDefects:
         assert world.status().vehicles[0].failed is None
         client.close()
 
-    def test_in_a_stepped_world_it_comes_out(self, make_desk: MakeDesk) -> None:
-        desk = make_desk(2)
-        desk.vehicle.copter.update = self.fail  # type: ignore[method-assign,assignment]
+    def test_in_a_stepped_world_it_comes_out(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs(2)
+        gcs.vehicle.copter.update = self.fail  # type: ignore[method-assign,assignment]
         with pytest.raises(RuntimeError, match="a defect"):
-            desk.world.step(1.0)
-        assert desk.world.time_s == pytest.approx(1.0)
-        desk.world.step(1.0)  # said once
-        desk.clear()
-        desk.send("PING", seq=1, target_system=0, target_component=0)
-        assert desk.frames == []  # a dead autopilot does not answer either
+            gcs.world.step(1.0)
+        assert gcs.world.time_s == pytest.approx(1.0)
+        gcs.world.step(1.0)  # said once
+        gcs.clear()
+        gcs.send("PING", seq=1, target_system=0, target_component=0)
+        assert gcs.frames == []  # a dead autopilot does not answer either
 
 
-def test_the_status_tells_how_it_stands(make_desk: MakeDesk) -> None:
-    desk = make_desk()
-    desk.take_off(3.0)
-    found = desk.world.status()
+def test_the_status_tells_how_it_stands(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs()
+    gcs.take_off(3.0)
+    found = gcs.world.status()
     one = found.vehicles[0]
-    assert found.time_s == desk.world.time_s
+    assert found.time_s == gcs.world.time_s
     assert (one.mode, one.armed, one.landed, one.ready, one.links) == ("GUIDED", True, False, True, 1)
     assert one.flying
     assert one.height_m == pytest.approx(3.0, abs=0.4)
     assert 95 <= one.battery_pct <= 100
 
 
-def test_every_kind_has_a_full_battery_and_only_what_flies_is_flying(make_desk: MakeDesk) -> None:
-    world = make_desk([VehicleSpec(autopilot=each) for each in ("arducopter", "ardurover", "arduplane", "px4")]).world
+def test_every_kind_has_a_full_battery_and_only_what_flies_is_flying(make_gcs: MakeGcs) -> None:
+    world = make_gcs([VehicleSpec(autopilot=each) for each in ("arducopter", "ardurover", "arduplane", "px4")]).world
     world.step(5.0)
     rover = world.vehicles[1]
     assert rover.brain.arm()

@@ -10,7 +10,7 @@ import pytest
 
 from tests.services.conftest import GUIDED, LAND, STABILIZE
 from tests.trust.conftest import StartGuarded
-from tests.trust.test_gate import ARM, PING, Desk, desk
+from tests.trust.test_gate import ARM, PING, GateBench, gates
 from zmav import wire
 from zmav.errors import Forbidden
 from zmav.trust.gate import CHALLENGED, PANIC
@@ -21,131 +21,131 @@ if TYPE_CHECKING:
     from tests.trust.conftest import Authority, Guarded
     from zmav.trust.credentials import Credentials
 
-__all__ = ["desk"]  # the fixture, for the tests here
+__all__ = ["gates"]  # the fixture, for the tests here
 
 LANDING = "zmav/demo/quad1/do/land"
 HOUR = 3600.0
 
 
-def challenge(desk: Desk, by: Credentials, key: str = LANDING, off: float = HOUR) -> bytes:
+def challenge(gates: GateBench, by: Credentials, key: str = LANDING, off: float = HOUR) -> bytes:
     """What the gate gives to who is off by so many seconds."""
     with pytest.raises(Forbidden) as e:
-        desk.check(desk.proof(by, key, now=desk.utc + off), key)
+        gates.check(gates.proof(by, key, now=gates.utc + off), key)
     assert e.value.detail["reason"] == "clock"
     return bytes.fromhex(str(e.value.detail["challenge"]))
 
 
 @pytest.mark.parametrize("off", [HOUR, -HOUR, -1e9])
 @pytest.mark.parametrize("verb", PANIC)
-def test_who_answers_the_challenge_needs_no_clock(desk: Desk, verb: str, off: float) -> None:
-    op, key = desk.authority.member("op", "operator"), f"zmav/demo/quad1/do/{verb}"
-    desk.check(desk.proof(op))
-    answers = challenge(desk, op, key, off)
-    proof = desk.proof(op, key, now=desk.utc + off, answers=answers)
-    assert desk.check(proof, key).name == "op"
-    assert desk.reason(proof, key) == "replayed"
+def test_who_answers_the_challenge_needs_no_clock(gates: GateBench, verb: str, off: float) -> None:
+    op, key = gates.authority.member("op", "operator"), f"zmav/demo/quad1/do/{verb}"
+    gates.check(gates.proof(op))
+    answers = challenge(gates, op, key, off)
+    proof = gates.proof(op, key, now=gates.utc + off, answers=answers)
+    assert gates.check(proof, key).name == "op"
+    assert gates.reason(proof, key) == "replayed"
 
 
-def test_who_changes_the_epoch_again_and_again_shuts_no_landing_out(desk: Desk) -> None:
+def test_who_changes_the_epoch_again_and_again_shuts_no_landing_out(gates: GateBench) -> None:
     """A planner's orders from the future void all proofs: what makes safe answers a challenge, which they do not."""
-    op, planner = desk.authority.member("op", "operator"), desk.authority.member("p", "planner")
+    op, planner = gates.authority.member("op", "operator"), gates.authority.member("p", "planner")
     goto = "zmav/demo/quad1/do/goto"
 
     def void() -> None:
-        before = desk.gate.epoch
-        assert desk.reason(desk.proof(planner, goto, now=desk.utc + HOUR), goto) == "clock"
-        assert desk.gate.epoch != before
+        before = gates.gate.epoch
+        assert gates.reason(gates.proof(planner, goto, now=gates.utc + HOUR), goto) == "clock"
+        assert gates.gate.epoch != before
 
-    late = desk.proof(op, LANDING)
+    late = gates.proof(op, LANDING)
     void()
     with pytest.raises(Forbidden) as e:
-        desk.check(late, LANDING)
+        gates.check(late, LANDING)
     assert e.value.detail["reason"] == "epoch"
-    proof = desk.proof(op, LANDING, answers=bytes.fromhex(str(e.value.detail["challenge"])))
+    proof = gates.proof(op, LANDING, answers=bytes.fromhex(str(e.value.detail["challenge"])))
     void()
-    assert desk.check(proof, LANDING).name == "op"
+    assert gates.check(proof, LANDING).name == "op"
 
 
-def test_a_challenge_is_for_one_member_one_order_and_half_a_minute(desk: Desk) -> None:
-    op, other = desk.authority.member("op", "operator"), desk.authority.member("other", "operator")
-    answers, late = challenge(desk, op), desk.utc + HOUR
+def test_a_challenge_is_for_one_member_one_order_and_half_a_minute(gates: GateBench) -> None:
+    op, other = gates.authority.member("op", "operator"), gates.authority.member("other", "operator")
+    answers, late = challenge(gates, op), gates.utc + HOUR
 
     def proof(by: Credentials, key: str) -> bytes:
-        return desk.proof(by, key, now=late, answers=answers)
+        return gates.proof(by, key, now=late, answers=answers)
 
-    assert desk.reason(proof(other, LANDING), LANDING) == "clock"
-    assert desk.reason(proof(op, LANDING.replace("land", "rtl")), LANDING.replace("land", "rtl")) == "clock"
-    assert desk.reason(proof(op, LANDING), LANDING, b"{ }") == "signature"
+    assert gates.reason(proof(other, LANDING), LANDING) == "clock"
+    assert gates.reason(proof(op, LANDING.replace("land", "rtl")), LANDING.replace("land", "rtl")) == "clock"
+    assert gates.reason(proof(op, LANDING), LANDING, b"{ }") == "signature"
     for _ in range(1000):  # anyone who asks for many takes nobody's away
-        challenge(desk, other)
-    desk.now += CHALLENGED
-    desk.check(proof(op, LANDING), LANDING)
-    desk.now += CHALLENGED
-    assert desk.reason(proof(op, LANDING), LANDING) == "clock"
+        challenge(gates, other)
+    gates.now += CHALLENGED
+    gates.check(proof(op, LANDING), LANDING)
+    gates.now += CHALLENGED
+    assert gates.reason(proof(op, LANDING), LANDING) == "clock"
 
 
 @pytest.mark.parametrize("years", [-20, 20])
-def test_a_vehicle_whose_clock_is_years_off_halts_for_whom_it_knows(desk: Desk, years: int) -> None:
+def test_a_vehicle_whose_clock_is_years_off_halts_for_whom_it_knows(gates: GateBench, years: int) -> None:
     """No certificate is in force by such a clock."""
-    op, other, off = desk.authority.member("op", "operator"), desk.authority.member("other", "operator"), years * 3e7
-    desk.check(desk.proof(op))
-    desk.utc += off
+    op, other, off = gates.authority.member("op", "operator"), gates.authority.member("other", "operator"), years * 3e7
+    gates.check(gates.proof(op))
+    gates.utc += off
     for by, key in ((op, LANDING), (other, LANDING), (op, ARM)):
-        proof = desk.proof(by, key, now=desk.utc - off, answers=challenge(desk, by, off=-off))
+        proof = gates.proof(by, key, now=gates.utc - off, answers=challenge(gates, by, off=-off))
         if (by, key) == (op, LANDING):
-            desk.check(proof, key)
+            gates.check(proof, key)
         else:
-            assert desk.reason(proof, key) in ("expired", "clock")
+            assert gates.reason(proof, key) in ("expired", "clock")
 
 
-def test_what_moves_it_is_given_no_challenge(desk: Desk) -> None:
-    op = desk.authority.member("op", "operator")
-    answers = challenge(desk, op)
+def test_what_moves_it_is_given_no_challenge(gates: GateBench) -> None:
+    op = gates.authority.member("op", "operator")
+    answers = challenge(gates, op)
     for key in (ARM, PING):
         with pytest.raises(Forbidden) as e:
-            desk.check(desk.proof(op, key, now=desk.utc + HOUR), key)
+            gates.check(gates.proof(op, key, now=gates.utc + HOUR), key)
         assert e.value.detail["reason"] == "clock" and "challenge" not in e.value.detail
-        assert desk.reason(desk.proof(op, key, now=desk.utc + HOUR, answers=answers), key) == "clock"
+        assert gates.reason(gates.proof(op, key, now=gates.utc + HOUR, answers=answers), key) == "clock"
 
 
 @pytest.mark.parametrize("key", [LANDING, ARM])
-def test_what_was_refused_as_early_is_not_good_when_its_time_comes(desk: Desk, key: str) -> None:
+def test_what_was_refused_as_early_is_not_good_when_its_time_comes(gates: GateBench, key: str) -> None:
     """Anyone who relays has it, and could play it an hour later."""
-    op = desk.authority.member("op", "operator")
-    early = desk.proof(op, key, now=desk.utc + HOUR)
-    assert desk.reason(early, key) == "clock"
-    desk.utc += HOUR
-    desk.now += HOUR
-    assert desk.reason(early, key) == "epoch"
+    op = gates.authority.member("op", "operator")
+    early = gates.proof(op, key, now=gates.utc + HOUR)
+    assert gates.reason(early, key) == "clock"
+    gates.utc += HOUR
+    gates.now += HOUR
+    assert gates.reason(early, key) == "epoch"
 
 
-def test_what_was_refused_as_late_is_never_good(desk: Desk) -> None:
-    op = desk.authority.member("op", "operator")
-    late = desk.proof(op, LANDING, now=desk.utc - HOUR)
-    assert desk.reason(late, LANDING) == "clock"
-    desk.utc -= HOUR  # the vehicle's clock is set back
-    assert desk.reason(late, LANDING) == "epoch"
+def test_what_was_refused_as_late_is_never_good(gates: GateBench) -> None:
+    op = gates.authority.member("op", "operator")
+    late = gates.proof(op, LANDING, now=gates.utc - HOUR)
+    assert gates.reason(late, LANDING) == "clock"
+    gates.utc -= HOUR  # the vehicle's clock is set back
+    assert gates.reason(late, LANDING) == "epoch"
 
 
-def test_nobody_without_a_say_voids_proofs(desk: Desk) -> None:
-    epoch = desk.gate.epoch
-    eye, op = desk.authority.member("eye", "viewer"), desk.authority.member("op", "operator")
-    desk.reason(desk.proof(eye, now=desk.utc + HOUR))
-    forged = bytearray(desk.proof(op, now=desk.utc + HOUR))
+def test_nobody_without_a_say_voids_proofs(gates: GateBench) -> None:
+    epoch = gates.gate.epoch
+    eye, op = gates.authority.member("eye", "viewer"), gates.authority.member("op", "operator")
+    gates.reason(gates.proof(eye, now=gates.utc + HOUR))
+    forged = bytearray(gates.proof(op, now=gates.utc + HOUR))
     forged[40] ^= 1
-    desk.reason(bytes(forged))
-    other = desk.authority.member("quad2", "vehicle")  # relays, and orders nothing of us
-    desk.reason(desk.proof(other, LANDING, now=desk.utc + HOUR), LANDING)
-    assert desk.gate.epoch == epoch
+    gates.reason(bytes(forged))
+    other = gates.authority.member("quad2", "vehicle")  # relays, and orders nothing of us
+    gates.reason(gates.proof(other, LANDING, now=gates.utc + HOUR), LANDING)
+    assert gates.gate.epoch == epoch
 
 
-def test_a_challenge_makes_nobody_an_operator(desk: Desk, authority: Authority) -> None:
+def test_a_challenge_makes_nobody_an_operator(gates: GateBench, authority: Authority) -> None:
     eye, revoked = authority.member("eye", "viewer"), authority.member("out", "operator")
-    desk.check(desk.proof(revoked))
-    assert desk.reason(desk.proof(eye, LANDING, answers=challenge(desk, eye)), LANDING) == "role"
+    gates.check(gates.proof(revoked))
+    assert gates.reason(gates.proof(eye, LANDING, answers=challenge(gates, eye)), LANDING) == "role"
     authority.revoked = [revoked.certificate.fingerprint.hex()]
-    desk.gate.roster = read_signed(authority.roster()).open(authority.certificate, "demo")
-    assert desk.reason(desk.proof(revoked, LANDING, answers=challenge(desk, revoked)), LANDING) == "revoked"
+    gates.gate.roster = read_signed(authority.roster()).open(authority.certificate, "demo")
+    assert gates.reason(gates.proof(revoked, LANDING, answers=challenge(gates, revoked)), LANDING) == "revoked"
 
 
 @pytest.mark.parametrize("off", [HOUR, -HOUR])

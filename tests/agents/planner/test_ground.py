@@ -19,7 +19,7 @@ from agents.planner.model.ground import LEAF, MOST, NAME, SPARE, UNKNOWN, Floor,
 from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
 from agents.planner.model.verify import verify
 from agents.planner.solve.pipeline import solve
-from tests.agents.planner.goals.crew import crew
+from tests.agents.planner.goals.team import team
 from zmav import geo
 from zmav.config import FleetConfig, Geofence, VehicleConfig
 from zmav.errors import BadInput
@@ -233,7 +233,7 @@ def test_the_vehicle_s_home_says_what_the_ground_is_off() -> None:
 
 @pytest.mark.parametrize("kind", ["return", "land"])
 def test_landings_are_approached_high_enough_and_straight_down(kind: str) -> None:
-    fleet = crew(3, (0.0, 0.0, -30.0), 6.0)
+    fleet = team(3, (0.0, 0.0, -30.0), 6.0)
     names = list(fleet.vehicles)
     here = floor(ground_map(hill))
     scene = Scene(vehicles=[], bounds=BOUNDS, obstacles=[*here.columns(BOUNDS, (), ())], downwash=1.5)
@@ -248,7 +248,7 @@ def test_landings_are_approached_high_enough_and_straight_down(kind: str) -> Non
 
 
 def test_what_moves_is_held_above_the_ground_by_its_vehicles_own_clearance() -> None:
-    ground, view = ground_map(hill), crew(2).pick(["v000", "v001"])
+    ground, view = ground_map(hill), team(2).pick(["v000", "v001"])
     field = FleetField(Geofence(), {"v001": Geofence(above_ground=20.0)}, ORIGIN)
     assert floor_of(field, None, view[:1]) is None
     nothing = floor_of(field, None, view[1:])
@@ -265,9 +265,9 @@ def test_what_moves_is_held_above_the_ground_by_its_vehicles_own_clearance() -> 
     assert floor_of(field, ground, [driving]) is None
     low = swarm.GoTo(vehicles=["v000", "v001"], to=[(0.0, 0.0, -5.0), (0.0, 9.0, -5.0)])
     with pytest.raises(BadInput, match=r"goal.to\[1\]: 3\.9 m above the ground, where 20 m are asked for"):
-        check_field(low, crew(2), field, ground, 1.5, lambda name: None)
+        check_field(low, team(2), field, ground, 1.5, lambda name: None)
     with pytest.raises(BadInput, match=r"goal.to\[1\]: the ground there is not known here"):
-        check_field(low, crew(2), field, None, 1.5, lambda name: None)
+        check_field(low, team(2), field, None, 1.5, lambda name: None)
 
 
 def test_lanes_that_follow_the_ground_may_be_stopped_at_their_corners() -> None:

@@ -34,7 +34,7 @@ class Fleet(OwnThread):
         with world, open_session(router) as session:
             self.endpoint = endpoint_of(session)
             self.names = [f"v{i}" for i in range(1, len(world.vehicles) + 1)]
-            self.crews = crews = [
+            self.programs = programs = [
                 await Onboard(session, OnboardSettings(link=url, name=name)).__aenter__()
                 for url, name in zip(world.urls, self.names, strict=True)
             ]
@@ -49,8 +49,8 @@ class Fleet(OwnThread):
                     self.bridge = bridge
                     ready.set_result(None)
                     await self.stop.wait()
-            for crew in reversed(crews):
-                await crew.__aexit__(None, None, None)
+            for program in reversed(programs):
+                await program.__aexit__(None, None, None)
 
     def vehicle(self, number: int) -> zmav.Vehicle:
         return self.z.vehicle(f"v{number}")

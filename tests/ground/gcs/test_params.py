@@ -206,7 +206,7 @@ def test_a_set_that_is_still_being_read_comes_as_it_is_read(
 ) -> None:
     """The autopilot has restarted: its agent reads it again, and the client need not wait for the end of that."""
     monkeypatch.setattr(param_copy, "FRESH", 0.0)
-    known, count = fleet.crews[0].params.known, len(fleet.params(ARDUPILOT))
+    known, count = fleet.programs[0].params.known, len(fleet.params(ARDUPILOT))
 
     async def restarted() -> bool:
         known.doubt()

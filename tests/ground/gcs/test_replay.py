@@ -27,7 +27,7 @@ from zmav.sim import VehicleSpec
 ARM, REQUEST_MESSAGE, AUTOPILOT_VERSION = 400, 512, 148
 
 
-class Ears:
+class Listener:
     """What comes on a key expression; :meth:`until` waits for it."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
@@ -53,15 +53,15 @@ def fleet() -> Iterator[Fleet]:
 
 def record(fleet: Fleet, session: zenoh.Session, path: Path) -> None:
     """A few seconds of v1 on the ground, its uid among them, as the recorder writes them."""
-    ears = Ears(session, "zmav/demo/v1/mav/rx/**")
+    listener = Listener(session, "zmav/demo/v1/mav/rx/**")
     station = fleet.caller()
     station.to("COMMAND_LONG", command=REQUEST_MESSAGE, param1=AUTOPILOT_VERSION)
     names = {"AUTOPILOT_VERSION": 1, "GLOBAL_POSITION_INT": 10, "HEARTBEAT": 3}
-    ears.until(
+    listener.until(
         lambda came: all(sum(key.endswith(name) for key, _ in came) >= n for name, n in names.items()), "all of it"
     )
     station.close()
-    frames = [data for key, data in list(ears.came) if "/rx/1/1/" in key]
+    frames = [data for key, data in list(listener.came) if "/rx/1/1/" in key]
     stamps = (1_700_000_000_000_000 + 20_000 * n for n in range(len(frames)))
     path.write_bytes(b"".join(struct.pack(">Q", t) + data for t, data in zip(stamps, frames, strict=True)))
 
@@ -89,7 +89,7 @@ def test_twenty_of_twenty_commands_reach_the_live_one_and_no_position_is_mixed(f
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ground.record.replay.until_stopped", stopped)
-        states = Ears(session, "zmav/*/old/state")
+        states = Listener(session, "zmav/*/old/state")
         replay = threading.Thread(
             target=Here("-e", fleet.endpoint), args=("replay", str(tmp_path / "v1.001.tlog"), "--as", "old", "--loop")
         )
@@ -121,7 +121,7 @@ async def test_a_bridge_of_a_recording_shows_it_and_takes_no_order(scene: Scene)
     from ground.gcs.options import Options, parse_endpoint
     from ground.gcs.tcp import TcpIn
 
-    told = Ears(scene.router, "zmav/*/*/mav/tx/**")
+    told = Listener(scene.router, "zmav/*/*/mav/tx/**")
     dialect = load_dialect()
     async with zmav.open(fleet="demo-replay", connect=[scene.router_endpoint]) as z:
         state = wire.VehicleState(

@@ -56,7 +56,7 @@ class Room(Folder):
         return super().free() if self.room is None else self.room
 
 
-class Desk:
+class Bench:
     """A writer, what it said, and waits for what it does."""
 
     def __init__(self, folder: Room, **settings: Any) -> None:
@@ -98,16 +98,16 @@ def folder(tmp_path: Path) -> Iterator[Room]:
 
 
 @pytest.fixture
-def desk(folder: Room) -> Iterator[Any]:
-    """Start a writer that flushes often: ``desk(split_size=...)``; closed at the test's end."""
-    desks: list[Desk] = []
+def bench(folder: Room) -> Iterator[Any]:
+    """Start a writer that flushes often: ``bench(split_size=...)``; closed at the test's end."""
+    benches: list[Bench] = []
 
-    def start(**settings: Any) -> Desk:
-        desks.append(Desk(folder, **settings))
-        return desks[-1]
+    def start(**settings: Any) -> Bench:
+        benches.append(Bench(folder, **settings))
+        return benches[-1]
 
     yield start
-    for each in desks:
+    for each in benches:
         each.storage.close()
 
 

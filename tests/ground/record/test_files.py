@@ -49,8 +49,8 @@ def tlog(path: Path) -> list[bytes]:
         return found
 
 
-def test_frames_are_kept_byte_for_byte_and_decoded(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(), frames()
+def test_frames_are_kept_byte_for_byte_and_decoded(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(), frames()
     for number in range(50):
         here.storage.put(f"{QUAD1}/{make.key}", make(), at=(1_700_000_000_000 + number) * 1_000_000)
     here.storage.close()
@@ -71,8 +71,8 @@ def test_frames_are_kept_byte_for_byte_and_decoded(desk: Any, frames: type[Frame
     assert here.storage.counts.written == 50
 
 
-def test_documents_are_kept_as_they_came_with_what_foxglove_wants(desk: Any) -> None:
-    here = desk()
+def test_documents_are_kept_as_they_came_with_what_foxglove_wants(bench: Any) -> None:
+    here = bench()
     event = wire.encode(wire.Event(t=1700000001.0, kind="mode", severity="info", text="GUIDED"))
     goal = b'{"quad1": [1, 2, 3]}'
     came = [(f"{QUAD1}/state", STATE), (f"{QUAD1}/event", event), ("zmav/demo/@fleet/goal", goal)]
@@ -89,8 +89,8 @@ def test_documents_are_kept_as_they_came_with_what_foxglove_wants(desk: Any) -> 
     assert times[0] == (1_700_000_005_000_000_000, 1_700_000_000_500_000_000)
 
 
-def test_what_is_no_frame_or_not_recorded_spoils_nothing(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(), frames()
+def test_what_is_no_frame_or_not_recorded_spoils_nothing(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(), frames()
     for key, data in (
         (make.key, make()),
         (make.key, b"\xfd\x01"),
@@ -110,8 +110,8 @@ def test_what_is_no_frame_or_not_recorded_spoils_nothing(desk: Any, frames: type
     assert read(path, schemas.ALL_FRAMES) == [*((rx, frame) for frame in make.made[:3]), (tx, make.made[3])]
 
 
-def test_files_are_complete_in_themselves_at_every_split(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(split_size=4000), frames()
+def test_files_are_complete_in_themselves_at_every_split(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(split_size=4000), frames()
     for part in range(1, 4):
         for _ in range(200):
             here.storage.put(f"{QUAD1}/{make.key}", make())
@@ -126,9 +126,9 @@ def test_files_are_complete_in_themselves_at_every_split(desk: Any, frames: type
     assert here.storage.counts.bytes == sum(path.stat().st_size for path in here.storage.session.iterdir())
 
 
-def test_the_floor_of_free_room_is_kept(desk: Any, folder: Room, frames: type[Frames]) -> None:
+def test_the_floor_of_free_room_is_kept(bench: Any, folder: Room, frames: type[Frames]) -> None:
     folder.room = 2000
-    here, make = desk(keep_free=1000), frames()
+    here, make = bench(keep_free=1000), frames()
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.until("written", 1)
     folder.room = 999
@@ -160,11 +160,11 @@ def narrow() -> Iterator[Any]:
 
 
 def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
-    desk: Any,
+    bench: Any,
     frames: type[Frames],
     narrow: Any,
 ) -> None:
-    here, make = desk(retry=0.2), frames()
+    here, make = bench(retry=0.2), frames()
     for _ in range(100):
         here.storage.put(f"{QUAD1}/{make.key}", make())
     here.until("written", 100)
@@ -192,12 +192,12 @@ def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
 
 
 def test_a_disk_that_has_become_read_only_is_said_and_tried_again(
-    desk: Any, frames: type[Frames], narrow: Any, monkeypatch: pytest.MonkeyPatch
+    bench: Any, frames: type[Frames], narrow: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(path: Any, **options: Any) -> None:
         raise OSError(errno.EROFS, "Read-only file system")
 
-    here, make = desk(retry=0.2), frames()
+    here, make = bench(retry=0.2), frames()
     narrow(1000)  # the .mcap begins, and the .tlog takes nothing
     with monkeypatch.context() as read_only:
         read_only.setattr(os, "unlink", refuse)
@@ -212,8 +212,8 @@ def test_a_disk_that_has_become_read_only_is_said_and_tried_again(
     assert tlog(here.files("tlog")[-1])[-1] == make.made[-1]
 
 
-def test_a_file_cut_anywhere_is_completed_to_its_last_flush(desk: Any, frames: type[Frames], tmp_path: Path) -> None:
-    here, make = desk(), frames()
+def test_a_file_cut_anywhere_is_completed_to_its_last_flush(bench: Any, frames: type[Frames], tmp_path: Path) -> None:
+    here, make = bench(), frames()
     for flushed in (20, 40, 60):
         while len(make.made) < flushed:
             here.storage.put(f"{QUAD1}/{make.key}", make())
@@ -252,8 +252,8 @@ def test_what_is_no_mcap_is_not_touched(tmp_path: Path, content: bytes) -> None:
     assert path.read_bytes() == content
 
 
-def test_a_damaged_middle_ends_the_recording_there(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(), frames()
+def test_a_damaged_middle_ends_the_recording_there(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(), frames()
     sizes = []
     for flushed in (20, 40):
         while len(make.made) < flushed:
@@ -290,8 +290,8 @@ def test_where_nobody_can_write_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("whole", [True, False], ids=["the folder of all", "the session's"])
-def test_files_that_are_taken_away_are_begun_again(desk: Any, folder: Room, frames: type[Frames], whole: bool) -> None:
-    here, make = desk(), frames()
+def test_files_that_are_taken_away_are_begun_again(bench: Any, folder: Room, frames: type[Frames], whole: bool) -> None:
+    here, make = bench(), frames()
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.until("written", 1)
     shutil.rmtree(folder.path if whole else here.storage.session)
@@ -304,7 +304,7 @@ def test_files_that_are_taken_away_are_begun_again(desk: Any, folder: Room, fram
 
 
 def test_a_disk_that_takes_nothing_is_said_and_what_it_refuses_stops_the_recording(
-    desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch
+    bench: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free, refusing = threading.Event(), threading.Event()
 
@@ -314,7 +314,7 @@ def test_a_disk_that_takes_nothing_is_said_and_what_it_refuses_stops_the_recordi
             raise OSError(errno.EIO, "Input/output error")
 
     monkeypatch.setattr(os, "fdatasync", stuck)
-    here, make = desk(sync=0.2, slow=0.5), frames()
+    here, make = bench(sync=0.2, slow=0.5), frames()
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.told("the disk has taken nothing")
     here.storage.put(f"{QUAD1}/{make.key}", make())
@@ -325,8 +325,8 @@ def test_a_disk_that_takes_nothing_is_said_and_what_it_refuses_stops_the_recordi
     refusing.clear()
 
 
-def test_a_name_too_long_for_a_file_stops_nobody_elses(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(), frames()
+def test_a_name_too_long_for_a_file_stops_nobody_elses(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(), frames()
     for name in ("quad1", "q" * 300, "quad1"):
         here.storage.put(f"zmav/demo/{name}/{make.key}", make())
     here.storage.close()
@@ -335,8 +335,8 @@ def test_a_name_too_long_for_a_file_stops_nobody_elses(desk: Any, frames: type[F
     assert len(read(here.files("mcap")[0], schemas.ALL_FRAMES)) == 3
 
 
-def test_a_file_that_is_being_written_is_not_mended(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(), frames()
+def test_a_file_that_is_being_written_is_not_mended(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(), frames()
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.until("written", 1)
     (path,) = here.files("mcap")
@@ -347,8 +347,8 @@ def test_a_file_that_is_being_written_is_not_mended(desk: Any, frames: type[Fram
     assert [frame for _, frame in read(path, schemas.ALL_FRAMES)] == make.made
 
 
-def test_a_clock_that_is_set_back_changes_no_order(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(), frames()
+def test_a_clock_that_is_set_back_changes_no_order(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(), frames()
     times = [1_700_000_000_000_000_000 + second * 10**9 for second in (100, 101, 50, 51)]
     for at in times:
         here.storage.put(f"{QUAD1}/{make.key}", make(), at=at)
@@ -359,8 +359,8 @@ def test_a_clock_that_is_set_back_changes_no_order(desk: Any, frames: type[Frame
     assert played == make.made
 
 
-def test_names_without_end_fill_no_memory(desk: Any, frames: type[Frames]) -> None:
-    here, make = desk(most_routes=MOST_TLOGS + 10), frames()
+def test_names_without_end_fill_no_memory(bench: Any, frames: type[Frames]) -> None:
+    here, make = bench(most_routes=MOST_TLOGS + 10), frames()
     for number in range(MOST_TLOGS + 20):
         here.storage.put(f"zmav/demo/quad{number}/{make.key}", make())
     here.storage.close()
@@ -369,10 +369,10 @@ def test_names_without_end_fill_no_memory(desk: Any, frames: type[Frames]) -> No
 
 
 def test_a_full_queue_counts_what_it_leaves_out(
-    desk: Any,
+    bench: Any,
     frames: type[Frames],
 ) -> None:
-    here, make = desk(queue=5, poll=60.0), frames()
+    here, make = bench(queue=5, poll=60.0), frames()
     here.until("taken", 0)
     for _ in range(9):
         here.storage.put(f"{QUAD1}/{make.key}", make())
@@ -380,8 +380,8 @@ def test_a_full_queue_counts_what_it_leaves_out(
     assert (here.storage.counts.dropped, here.storage.counts.written) == (4, 5)
 
 
-def test_what_waits_is_bounded_in_bytes_too(desk: Any) -> None:
-    here = desk(queue_bytes=1000, poll=60.0)
+def test_what_waits_is_bounded_in_bytes_too(bench: Any) -> None:
+    here = bench(queue_bytes=1000, poll=60.0)
     for _ in range(5):
         here.storage.put(f"{QUAD1}/link/x", json.dumps({"x": "y" * 600}).encode())
     here.storage.close()

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 KEY = keys.FLEET.key("demo", topic=keys.ORDERED)
 
 
-def test_the_orders_in_a_recording_are_shown(desk: Any, tmp_path: Path) -> None:
+def test_the_orders_in_a_recording_are_shown(bench: Any, tmp_path: Path) -> None:
     """Of those files that can be read."""
-    here = desk()
+    here = bench()
     line = wire.OrderLine(
         t=1_700_000_000.0, who="anna", source="10.0.0.7", verb="do/takeoff", vehicles=["quad1"], outcome="done", more=2
     )

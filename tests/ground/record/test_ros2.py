@@ -19,9 +19,9 @@ from zmav.errors import BadConfig
 from zmav.mavlink import Dialect, encode
 
 if TYPE_CHECKING:
-    from tests.ground.record.conftest import Desk
+    from tests.ground.record.conftest import Bench
 
-    StartDesk = Callable[..., Desk]
+    StartBench = Callable[..., Bench]
 
 QUAD = "zmav/demo/quad-1"
 NUMBERS = {"lat": 500000000, "lon": 80000000, "alt": 102_000, "relative_alt": 2_000, "vx": 100, "vy": 0, "vz": 0}
@@ -67,8 +67,8 @@ def two(dialect: Dialect) -> dict[str, bytes]:
     return {"ATTITUDE": attitude, "GLOBAL_POSITION_INT": position}
 
 
-def test_topics_of_ros_are_beside_what_came(desk: StartDesk, two: dict[str, bytes]) -> None:
-    one = desk(ros2=True)
+def test_topics_of_ros_are_beside_what_came(bench: StartBench, two: dict[str, bytes]) -> None:
+    one = bench(ros2=True)
     one.storage.put(f"{QUAD}/mav/rx/1/1/ATTITUDE", two["ATTITUDE"])  # nobody knows yet whose it is
     one.storage.put(f"{QUAD}/state", state())
     for message, frame in two.items():
@@ -89,8 +89,8 @@ def test_topics_of_ros_are_beside_what_came(desk: StartDesk, two: dict[str, byte
     assert (said.mode, said.armed, said.guided) == ("GUIDED", True, True)
 
 
-def test_without_being_asked_there_are_none(desk: StartDesk, two: dict[str, bytes]) -> None:
-    one = desk()
+def test_without_being_asked_there_are_none(bench: StartBench, two: dict[str, bytes]) -> None:
+    one = bench()
     one.storage.put(f"{QUAD}/state", state())
     one.storage.put(f"{QUAD}/mav/rx/1/1/ATTITUDE", two["ATTITUDE"])
     one.storage.close()

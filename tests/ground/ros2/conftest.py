@@ -139,7 +139,7 @@ class Fleet(OwnThread):
         with world, open_session(router) as session:
             self.world, endpoint = world, endpoint_of(session)
             self.port = int(endpoint.rpartition(":")[2])
-            crews = [
+            programs = [
                 await Onboard(session, OnboardSettings(link=url, name=name, origin=HOME)).__aenter__()
                 for url, name in zip(world.urls, self.names, strict=True)
             ]
@@ -156,8 +156,8 @@ class Fleet(OwnThread):
                         await asyncio.sleep(0.02)
                     ready.set_result(None)
                     await self.stop.wait()
-            for crew in reversed(crews):
-                await crew.__aexit__(None, None, None)
+            for program in reversed(programs):
+                await program.__aexit__(None, None, None)
 
 
 @pytest.fixture

@@ -10,34 +10,34 @@ from typing import Any
 
 import pytest
 
-from tests.sim.conftest import Desk, MakeDesk
+from tests.sim.conftest import Gcs, MakeGcs
 from zmav.sim import VehicleSpec
 
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 GOOD, NOT_AIDED, CONST_POS, GLITCH = 0x33F, 0x25, 0xA7, 0x8000
 
 
-def ekf(desk: Desk) -> dict[str, Any]:
-    return desk.last("EKF_STATUS_REPORT")
+def ekf(gcs: Gcs) -> dict[str, Any]:
+    return gcs.last("EKF_STATUS_REPORT")
 
 
-def off(desk: Desk) -> tuple[float, float, float]:
+def off(gcs: Gcs) -> tuple[float, float, float]:
     """How far the estimate is from the truth, m."""
-    s = desk.vehicle.brain.sense
+    s = gcs.vehicle.brain.sense
     return s.north - s.true_north, s.east - s.true_east, s.down - s.true_down
 
 
-def watch(desk: Desk, seconds: float, look: Callable[[], Any]) -> list[Any]:
+def watch(gcs: Gcs, seconds: float, look: Callable[[], Any]) -> list[Any]:
     """What ``look`` gives every tenth of a second."""
     seen = []
     for _ in range(round(seconds * 10)):
-        desk.world.step(0.1)
+        gcs.world.step(0.1)
         seen.append(look())
     return seen
 
 
 class TestGpsLoss:
-    def test_a_short_one_is_flown_through(self, aloft: Desk) -> None:
+    def test_a_short_one_is_flown_through(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "gps-loss", for_s=5.0)
         aloft.world.step(4.0)
         raw = aloft.last("GPS_RAW_INT")
@@ -49,7 +49,7 @@ class TestGpsLoss:
         assert aloft.texts() == []
         assert max(map(abs, off(aloft))) < 0.05
 
-    def test_a_long_one_ends_in_a_landing(self, aloft: Desk) -> None:
+    def test_a_long_one_ends_in_a_landing(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "gps-loss")
         aloft.world.step(6.9)
         assert ekf(aloft)["flags"] == GOOD
@@ -79,7 +79,7 @@ class TestGpsLoss:
 
 
 class TestGpsGlitch:
-    def test_one_within_the_gate_is_followed(self, aloft: Desk) -> None:
+    def test_one_within_the_gate_is_followed(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "gps-glitch", north=3.0)
         largest = max(watch(aloft, 1.0, lambda: ekf(aloft)["pos_horiz_variance"]))
         assert 0.4 < largest < 1.0
@@ -88,7 +88,7 @@ class TestGpsGlitch:
         assert aloft.vehicle.brain.sense.true_north == pytest.approx(-3.0, abs=0.15)  # it has flown there
         assert aloft.texts() == []
 
-    def test_one_beyond_is_rejected_and_forgotten_when_it_ends(self, aloft: Desk) -> None:
+    def test_one_beyond_is_rejected_and_forgotten_when_it_ends(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "gps-glitch", north=55.0, for_s=8.0)
         aloft.world.step(0.5)
         assert ekf(aloft)["pos_horiz_variance"] == pytest.approx(14.7, abs=0.4)
@@ -105,7 +105,7 @@ class TestGpsGlitch:
         assert ekf(aloft)["flags"] == GOOD
         assert aloft.texts() == [*words, "Glitch cleared"]
 
-    def test_one_that_lasts_makes_the_position_jump(self, aloft: Desk) -> None:
+    def test_one_that_lasts_makes_the_position_jump(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "gps-glitch", east=-40.0)
         aloft.world.step(9.5)
         assert off(aloft)[1] == pytest.approx(0.0, abs=0.05)
@@ -120,7 +120,7 @@ class TestGpsGlitch:
 
 
 class TestCompass:
-    def test_a_small_error_pulls_the_heading(self, aloft: Desk) -> None:
+    def test_a_small_error_pulls_the_heading(self, aloft: Gcs) -> None:
         before = aloft.last("RAW_IMU")
         aloft.world.fault("quad1", "compass", degrees=20.0)
         after = aloft.last("RAW_IMU")
@@ -136,7 +136,7 @@ class TestCompass:
         assert _true_yaw(aloft) == pytest.approx(0.0, abs=0.03)
         assert ekf(aloft)["flags"] == GOOD
 
-    def test_a_large_one_is_rejected_and_said_in_the_end(self, aloft: Desk) -> None:
+    def test_a_large_one_is_rejected_and_said_in_the_end(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "compass", degrees=120.0)
         aloft.world.step(9.0)
         assert ekf(aloft)["compass_variance"] > 1.0
@@ -146,7 +146,7 @@ class TestCompass:
         assert _true_yaw(aloft) == pytest.approx(0.0, abs=0.02)
         assert aloft.last("HEARTBEAT")["custom_mode"] == GUIDED  # one doubt alone is no failsafe
 
-    def test_flying_with_a_wrong_heading_goes_in_curves(self, aloft: Desk) -> None:
+    def test_flying_with_a_wrong_heading_goes_in_curves(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "compass", degrees=45.0)
         aloft.world.step(15.0)
         aloft.goto(30.0, 0.0, -10.0)
@@ -154,45 +154,45 @@ class TestCompass:
         assert max(abs(aside) for aside, _ in seen) > 1.0
         assert max(ratio for _, ratio in seen) > 0.1
 
-    def test_without_a_compass_it_does_not_arm(self, make_desk: MakeDesk) -> None:
-        desk = make_desk()
-        desk.until(lambda: desk.vehicle.copter.position_ok)
-        desk.world.fault("quad1", "compass", lost=True)
-        desk.world.step(1.0)
-        assert desk.command(400, 1) != 0
-        assert desk.texts()[-1] == "Arm: Compass not healthy"
-        assert desk.last("RAW_IMU")["xmag"] == desk.last("RAW_IMU")["zmag"] == 0
-        desk.world.clear()
-        desk.world.step(1.0)
-        assert desk.command(400, 1) == 0
+    def test_without_a_compass_it_does_not_arm(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs()
+        gcs.until(lambda: gcs.vehicle.copter.position_ok)
+        gcs.world.fault("quad1", "compass", lost=True)
+        gcs.world.step(1.0)
+        assert gcs.command(400, 1) != 0
+        assert gcs.texts()[-1] == "Arm: Compass not healthy"
+        assert gcs.last("RAW_IMU")["xmag"] == gcs.last("RAW_IMU")["zmag"] == 0
+        gcs.world.clear()
+        gcs.world.step(1.0)
+        assert gcs.command(400, 1) == 0
 
-    def test_nor_with_one_that_lies_until_it_is_believed(self, make_desk: MakeDesk) -> None:
-        desk = make_desk()
-        desk.until(lambda: desk.vehicle.copter.position_ok)
-        desk.world.fault("quad1", "compass", degrees=40.0)
-        desk.world.step(0.5)
-        assert desk.command(400, 1) != 0
-        assert desk.texts()[-1].startswith("Arm: Check mag field (xy diff:1")
-        desk.world.step(12.0)
-        assert desk.command(400, 1) == 0
+    def test_nor_with_one_that_lies_until_it_is_believed(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs()
+        gcs.until(lambda: gcs.vehicle.copter.position_ok)
+        gcs.world.fault("quad1", "compass", degrees=40.0)
+        gcs.world.step(0.5)
+        assert gcs.command(400, 1) != 0
+        assert gcs.texts()[-1].startswith("Arm: Check mag field (xy diff:1")
+        gcs.world.step(12.0)
+        assert gcs.command(400, 1) == 0
 
-    def test_nor_in_guided_while_the_gps_glitches(self, make_desk: MakeDesk) -> None:
-        desk = make_desk()
-        desk.until(lambda: desk.vehicle.copter.position_ok)
-        assert desk.command(176, 1, GUIDED) == 0
-        desk.world.fault("quad1", "gps-glitch", north=100.0)
-        desk.world.step(3.0)
-        assert desk.command(400, 1) != 0
-        assert desk.texts()[-1] == "Arm: GPS glitching"
+    def test_nor_in_guided_while_the_gps_glitches(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs()
+        gcs.until(lambda: gcs.vehicle.copter.position_ok)
+        assert gcs.command(176, 1, GUIDED) == 0
+        gcs.world.fault("quad1", "gps-glitch", north=100.0)
+        gcs.world.step(3.0)
+        assert gcs.command(400, 1) != 0
+        assert gcs.texts()[-1] == "Arm: GPS glitching"
 
 
-def _true_yaw(desk: Desk) -> float:
-    w, x, y, z = desk.vehicle.node.seat.fleet.dynamics.q[:, desk.vehicle.node.seat.index].tolist()
+def _true_yaw(gcs: Gcs) -> float:
+    w, x, y, z = gcs.vehicle.node.seat.fleet.dynamics.q[:, gcs.vehicle.node.seat.index].tolist()
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 class TestOthers:
-    def test_a_barometer_takes_the_vehicle_with_it(self, aloft: Desk) -> None:
+    def test_a_barometer_takes_the_vehicle_with_it(self, aloft: Gcs) -> None:
         pressure = aloft.last("SCALED_PRESSURE")["press_abs"]
         aloft.world.fault("quad1", "baro", metres=5.0)
         assert aloft.last("SCALED_PRESSURE")["press_abs"] == pytest.approx(pressure - 0.56, abs=0.05)
@@ -201,14 +201,14 @@ class TestOthers:
         assert aloft.vehicle.brain.sense.true_down == pytest.approx(-5.0, abs=0.2)
         assert aloft.ned[2] == pytest.approx(-10.0, abs=0.2)
 
-    def test_without_a_barometer_the_height_is_not_vouched_for(self, aloft: Desk) -> None:
+    def test_without_a_barometer_the_height_is_not_vouched_for(self, aloft: Gcs) -> None:
         aloft.world.fault("quad1", "baro", lost=True)
         aloft.world.step(9.5)
         assert ekf(aloft)["flags"] == GOOD
         aloft.world.step(1.0)
         assert ekf(aloft)["flags"] == GOOD & ~0x20
 
-    def test_vibration_and_clipping_show(self, aloft: Desk) -> None:
+    def test_vibration_and_clipping_show(self, aloft: Gcs) -> None:
         calm = aloft.last("VIBRATION")
         aloft.world.fault("quad1", "imu", vibration=40.0, clipping=50.0)
         aloft.world.step(2.0)
@@ -219,40 +219,40 @@ class TestOthers:
         spread = watch(aloft, 2.0, lambda: aloft.last("RAW_IMU")["zacc"])
         assert max(spread) - min(spread) > 3000
 
-    def test_a_rangefinder_that_sees_nothing(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(params={"RNGFND1_TYPE": 100})])
-        desk.take_off(5.0)
-        desk.world.step(4.0)
-        height = -desk.vehicle.brain.sense.true_down
-        assert desk.last("DISTANCE_SENSOR")["current_distance"] == pytest.approx(100 * (height + 0.12), abs=2)
-        desk.world.fault("quad1", "rangefinder", metres=2.0)
-        assert desk.last("RANGEFINDER")["distance"] == pytest.approx(height + 2.12, abs=0.02)
-        desk.world.fault("quad1", "rangefinder")
-        assert desk.last("RANGEFINDER")["distance"] == 0.0
+    def test_a_rangefinder_that_sees_nothing(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs([VehicleSpec(params={"RNGFND1_TYPE": 100})])
+        gcs.take_off(5.0)
+        gcs.world.step(4.0)
+        height = -gcs.vehicle.brain.sense.true_down
+        assert gcs.last("DISTANCE_SENSOR")["current_distance"] == pytest.approx(100 * (height + 0.12), abs=2)
+        gcs.world.fault("quad1", "rangefinder", metres=2.0)
+        assert gcs.last("RANGEFINDER")["distance"] == pytest.approx(height + 2.12, abs=0.02)
+        gcs.world.fault("quad1", "rangefinder")
+        assert gcs.last("RANGEFINDER")["distance"] == 0.0
 
 
-def test_a_neighbour_notices_nothing(make_desk: MakeDesk, another_desk: type[Desk]) -> None:
-    desk = make_desk(2)
-    second = another_desk(desk.world, desk.world.vehicles[1])
-    desk.until(lambda: desk.vehicle.copter.position_ok)
-    desk.world.fault("quad1", "gps-glitch", north=500.0)
-    desk.world.fault("quad1", "compass", degrees=30.0)
-    desk.world.step(12.0)
+def test_a_neighbour_notices_nothing(make_gcs: MakeGcs, another_gcs: type[Gcs]) -> None:
+    gcs = make_gcs(2)
+    second = another_gcs(gcs.world, gcs.world.vehicles[1])
+    gcs.until(lambda: gcs.vehicle.copter.position_ok)
+    gcs.world.fault("quad1", "gps-glitch", north=500.0)
+    gcs.world.fault("quad1", "compass", degrees=30.0)
+    gcs.world.step(12.0)
     assert off(second) == (0.0, 0.0, 0.0)
     assert second.last("EKF_STATUS_REPORT")["flags"] == GOOD
-    assert abs(off(desk)[0] - 500.0) < 1.0
+    assert abs(off(gcs)[0] - 500.0) < 1.0
 
 
-def test_two_runs_of_one_seed_are_the_same(make_desk: MakeDesk) -> None:
+def test_two_runs_of_one_seed_are_the_same(make_gcs: MakeGcs) -> None:
     def run() -> list[bytes]:
-        desk = make_desk(noise="typical", seed=4)
-        desk.take_off(2.5)
-        desk.world.fault("quad1", "gps-loss", for_s=4.0)
-        desk.world.fault("quad1", "link-loss", percent=30.0)
-        desk.clear()
-        desk.send("COMMAND_LONG", command=511, param1=30.0, param2=1e5)
-        desk.world.step(6.0)
-        return [frame.data for frame in desk.frames]
+        gcs = make_gcs(noise="typical", seed=4)
+        gcs.take_off(2.5)
+        gcs.world.fault("quad1", "gps-loss", for_s=4.0)
+        gcs.world.fault("quad1", "link-loss", percent=30.0)
+        gcs.clear()
+        gcs.send("COMMAND_LONG", command=511, param1=30.0, param2=1e5)
+        gcs.world.step(6.0)
+        return [frame.data for frame in gcs.frames]
 
     first = run()
     assert len(first) > 20

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tests.sim.conftest import MakeDesk
+from tests.sim.conftest import MakeGcs
 from zmav.cli.sim.talk import fault
 from zmav.errors import BadInput
 from zmav.sim import VehicleSpec, World
@@ -64,8 +64,8 @@ class TestTable:
 
 
 class TestWorld:
-    def test_faults_are_listed_and_end_by_themselves(self, make_desk: MakeDesk) -> None:
-        world = make_desk(2).world
+    def test_faults_are_listed_and_end_by_themselves(self, make_gcs: MakeGcs) -> None:
+        world = make_gcs(2).world
         world.fault("quad1", "gps-loss", for_s=1.0)
         world.fault("quad2", "compass", degrees=5)
         first, second = world.faults()
@@ -76,8 +76,8 @@ class TestWorld:
         assert [each.kind for each in world.faults()] == ["compass"]
         assert world.vehicles[0].node.seat.fix().fix_type == 3
 
-    def test_all_of_them_and_one_in_the_place_of_another(self, make_desk: MakeDesk) -> None:
-        world = make_desk(3).world
+    def test_all_of_them_and_one_in_the_place_of_another(self, make_gcs: MakeGcs) -> None:
+        world = make_gcs(3).world
         assert [each.vehicle for each in world.fault("all", "gps-glitch", north=10.0)] == [
             "quad1",
             "quad2",
@@ -91,8 +91,8 @@ class TestWorld:
         assert world.clear() == 2
         assert world.faults() == []
 
-    def test_what_cannot_be_is_said(self, make_desk: MakeDesk) -> None:
-        world = make_desk().world
+    def test_what_cannot_be_is_said(self, make_gcs: MakeGcs) -> None:
+        world = make_gcs().world
         with pytest.raises(BadInput, match="no vehicle 'quad9'; there are quad1"):
             world.fault("quad9", "gps-loss")
         with pytest.raises(BadInput, match="expected more than 0"):
@@ -103,8 +103,8 @@ class TestWorld:
             world.clear("quad1", "x")
         assert world.faults() == []
 
-    def test_what_one_cannot_have_none_gets_and_what_was_on_stays(self, make_desk: MakeDesk) -> None:
-        world = make_desk([VehicleSpec(), VehicleSpec(autopilot="arduplane")]).world
+    def test_what_one_cannot_have_none_gets_and_what_was_on_stays(self, make_gcs: MakeGcs) -> None:
+        world = make_gcs([VehicleSpec(), VehicleSpec(autopilot="arduplane")]).world
         world.fault("quad1", "motor", number=4)
         with pytest.raises(BadInput, match="plane1 has no motor 2; expected 1 to 1"):
             world.fault("all", "motor", number=2)

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from tests.sim.conftest import MakeDesk
+from tests.sim.conftest import MakeGcs
 from zmav.mavlink import load_dialect
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import VehicleSpec, World
@@ -91,18 +91,18 @@ def _drain(client: socket.socket) -> bytes:
     return found
 
 
-def test_a_copter_flies_with_noisy_sensors(make_desk: MakeDesk) -> None:
-    desk = make_desk(noise="typical", seed=3)
-    desk.until(lambda: desk.vehicle.copter.position_ok)
-    assert [desk.command(176, 1, GUIDED), desk.command(400, 1), desk.command(22, 0, 0, 0, 0, 0, 0, 6.0)] == [0, 0, 0]
-    desk.until(lambda: desk.vehicle.brain.sense.true_down < -5.0)
-    desk.goto(10.0, 0.0, -6.0)
-    desk.clear()
-    desk.send("COMMAND_LONG", command=511, param1=24.0, param2=2e5)
-    desk.world.step(15.0)
-    sense = desk.vehicle.brain.sense
+def test_a_copter_flies_with_noisy_sensors(make_gcs: MakeGcs) -> None:
+    gcs = make_gcs(noise="typical", seed=3)
+    gcs.until(lambda: gcs.vehicle.copter.position_ok)
+    assert [gcs.command(176, 1, GUIDED), gcs.command(400, 1), gcs.command(22, 0, 0, 0, 0, 0, 0, 6.0)] == [0, 0, 0]
+    gcs.until(lambda: gcs.vehicle.brain.sense.true_down < -5.0)
+    gcs.goto(10.0, 0.0, -6.0)
+    gcs.clear()
+    gcs.send("COMMAND_LONG", command=511, param1=24.0, param2=2e5)
+    gcs.world.step(15.0)
+    sense = gcs.vehicle.brain.sense
     assert math.hypot(sense.true_north - 10.0, sense.true_east) < 8.0
     assert abs(sense.true_down + 6.0) < 2.0
-    assert desk.last("EKF_STATUS_REPORT")["flags"] == 0x33F
-    assert len({m["lat"] for m in desk.all("GPS_RAW_INT")}) > 30
-    assert desk.texts() == []
+    assert gcs.last("EKF_STATUS_REPORT")["flags"] == 0x33F
+    assert len({m["lat"] for m in gcs.all("GPS_RAW_INT")}) > 30
+    assert gcs.texts() == []

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.sim.conftest import MakeDesk
+from tests.sim.conftest import MakeGcs
 from tests.sim.physics.closed_forms import energy
 from zmav.sim import VehicleSpec
 from zmav.sim.dynamics.airframe import GRAVITY, airframe
@@ -116,22 +116,22 @@ def test_weight_is_what_a_scale_would_show() -> None:
     assert airframe("hexa").weight_n == pytest.approx(3.2 * GRAVITY)
 
 
-def _fly(make_desk: MakeDesk, specs: list[VehicleSpec], **options: object) -> list[float]:
+def _fly(make_gcs: MakeGcs, specs: list[VehicleSpec], **options: object) -> list[float]:
     """Ten seconds of the first vehicle in gusts, as numbers."""
-    desk = make_desk(specs, gusts="moderate", wind=(4.0, 1.0, 0.0), noise="typical", **options)
-    desk.take_off(6.0)
-    desk.goto(15.0, -5.0, -8.0)
+    gcs = make_gcs(specs, gusts="moderate", wind=(4.0, 1.0, 0.0), noise="typical", **options)
+    gcs.take_off(6.0)
+    gcs.goto(15.0, -5.0, -8.0)
     path = []
     for _ in range(50):
-        desk.world.step(0.1)
-        path += [*desk.vehicle.node.brain.sense]
+        gcs.world.step(0.1)
+        path += [*gcs.vehicle.node.brain.sense]
     return path
 
 
-def test_a_seed_gives_its_own_bits_whoever_else_flies(make_desk: MakeDesk) -> None:
+def test_a_seed_gives_its_own_bits_whoever_else_flies(make_gcs: MakeGcs) -> None:
     """The same each time, others than another seed, and the same for the first of several vehicles."""
-    alone, again, other = (_fly(make_desk, [VehicleSpec()], seed=seed) for seed in (5, 5, 6))
+    alone, again, other = (_fly(make_gcs, [VehicleSpec()], seed=seed) for seed in (5, 5, 6))
     assert alone == again
     assert np.abs(np.array(alone[:300]) - np.array(other[:300])).max() > 0.01
-    among = _fly(make_desk, [VehicleSpec(), VehicleSpec(), VehicleSpec(autopilot="px4")], seed=5)
+    among = _fly(make_gcs, [VehicleSpec(), VehicleSpec(), VehicleSpec(autopilot="px4")], seed=5)
     assert np.abs(np.array(alone) - np.array(among)).max() < 1e-9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.sim.conftest import MakeDesk
+from tests.sim.conftest import MakeGcs
 from zmav.sim import VehicleSpec
 from zmav.sim.dynamics.battery import Battery, Pack, open_circuit_share
 
@@ -79,32 +79,32 @@ def test_a_voltage_says_how_full_another_pack_is() -> None:
 
 
 class TestVehicles:
-    def test_arducopters_own_simulation_has_an_ideal_source_unless_told_otherwise(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(), VehicleSpec(params={"SIM_BATT_CAP_AH": 3.3, "SIM_BATT_VOLTAGE": 12.0})])
-        desk.world.step(1.0)
-        first, second = (v.copter for v in desk.world.vehicles)
+    def test_arducopters_own_simulation_has_an_ideal_source_unless_told_otherwise(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs([VehicleSpec(), VehicleSpec(params={"SIM_BATT_CAP_AH": 3.3, "SIM_BATT_VOLTAGE": 12.0})])
+        gcs.world.step(1.0)
+        first, second = (v.copter for v in gcs.world.vehicles)
         assert first.voltage == pytest.approx(12.6)
         assert second.voltage == pytest.approx(12.0, abs=0.01)
         second.params.set("SIM_BATT_VOLTAGE", 11.0)
         assert second.voltage == pytest.approx(11.0, abs=0.01)
 
-    def test_a_hexarotors_voltage_sags_in_flight_and_its_charge_falls(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(airframe="hexa")])
-        desk.take_off(5.0)
-        copter = desk.vehicle.copter
-        desk.world.step(20.0)
+    def test_a_hexarotors_voltage_sags_in_flight_and_its_charge_falls(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs([VehicleSpec(airframe="hexa")])
+        gcs.take_off(5.0)
+        copter = gcs.vehicle.copter
+        gcs.world.step(20.0)
         assert 15.0 < copter.voltage < 16.5
-        assert desk.last("BATTERY_STATUS")["battery_remaining"] < 98
+        assert gcs.last("BATTERY_STATUS")["battery_remaining"] < 98
         assert copter.params["BATT_CAPACITY"] == 5000.0
         before = copter.sense.throttle
-        desk.vehicle.node.seat.fleet.battery.drain(0, 0.3)
-        desk.world.step(5.0)
+        gcs.vehicle.node.seat.fleet.battery.drain(0, 0.3)
+        gcs.world.step(5.0)
         assert copter.sense.throttle > 1.05 * before  # a weak battery turns the rotors slower
-        assert desk.near(0.0, 0.0, -5.0, 0.5)
+        assert gcs.near(0.0, 0.0, -5.0, 0.5)
 
-    def test_without_a_battery_it_falls(self, make_desk: MakeDesk) -> None:
-        desk = make_desk()
-        desk.take_off(10.0)
-        desk.vehicle.node.seat.fleet.battery.drain(0, 0.0)
-        desk.world.step(1.5)
-        assert desk.ned[2] > -4.0
+    def test_without_a_battery_it_falls(self, make_gcs: MakeGcs) -> None:
+        gcs = make_gcs()
+        gcs.take_off(10.0)
+        gcs.vehicle.node.seat.fleet.battery.drain(0, 0.0)
+        gcs.world.step(1.5)
+        assert gcs.ned[2] > -4.0

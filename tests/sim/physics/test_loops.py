@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.sim.conftest import MakeDesk
+from tests.sim.conftest import MakeGcs
 from zmav.sim import VehicleSpec
 from zmav.sim.arrays import body_z
 from zmav.sim.control.allocation import Allocator
@@ -179,20 +179,20 @@ def test_what_the_rotors_cannot_give_winds_up_nothing() -> None:
 
 
 class TestParameters:
-    def test_each_vehicle_has_its_own(self, make_desk: MakeDesk) -> None:
+    def test_each_vehicle_has_its_own(self, make_gcs: MakeGcs) -> None:
         specs = [VehicleSpec(autopilot="px4", params={"MC_ROLLRATE_P": 0.2}), VehicleSpec(autopilot="px4")]
-        desk = make_desk(specs)
-        fleet = desk.vehicle.node.seat.fleet
+        gcs = make_gcs(specs)
+        fleet = gcs.vehicle.node.seat.fleet
         assert isinstance(fleet, CopterFleet)
         gains = fleet.setpoints.gains
         assert gains.rate_p[0] == pytest.approx([0.2, 0.15])
-        desk.world.vehicles[1].px4.params.set("MPC_XY_VEL_I_ACC", 0.9)
+        gcs.world.vehicles[1].px4.params.set("MPC_XY_VEL_I_ACC", 0.9)
         assert gains.vel_i[0] == pytest.approx([0.4, 0.9])
-        desk.world.vehicles[1].px4.params.set("MC_PITCHRATE_MAX", 90.0)
+        gcs.world.vehicles[1].px4.params.set("MC_PITCHRATE_MAX", 90.0)
         assert gains.rate_max[1] == pytest.approx([math.radians(220.0), math.pi / 2])
 
-    def test_a_hexarotors_are_those_of_its_airframe(self, make_desk: MakeDesk) -> None:
-        params = make_desk([VehicleSpec(autopilot="px4", airframe="hexa")]).vehicle.px4.params
+    def test_a_hexarotors_are_those_of_its_airframe(self, make_gcs: MakeGcs) -> None:
+        params = make_gcs([VehicleSpec(autopilot="px4", airframe="hexa")]).vehicle.px4.params
         assert (params["CA_ROTOR_COUNT"], params["SYS_AUTOSTART"], params["CA_FAILURE_MODE"]) == (6, 6001, 1)
         assert params["CA_ROTOR5_PX"] == pytest.approx(0.275 * math.cos(math.radians(330.0)), abs=1e-3)
 

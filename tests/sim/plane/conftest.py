@@ -1,4 +1,4 @@
-"""A desk at one simulated ArduPlane, and what it is often told."""
+"""A ground station at one simulated ArduPlane, and what it is often told."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.sim.conftest import Desk, MakeDesk
+from tests.sim.conftest import Gcs, MakeGcs
 from tests.sim.plans import degrees
 from zmav.sim import VehicleSpec
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
@@ -24,35 +24,35 @@ PLANE = VehicleSpec(autopilot="arduplane", start_ned_m=(0.0, 0.0, 0.0))
 class Field:
     """A plane, and the ground station beside it."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
-        self.plane: ArduPlane = desk.vehicle.plane
+    def __init__(self, gcs: Gcs) -> None:
+        self.gcs = gcs
+        self.plane: ArduPlane = gcs.vehicle.plane
 
     def mode(self, number: int) -> int:
-        return self.desk.command(SET_MODE, 1, number)
+        return self.gcs.command(SET_MODE, 1, number)
 
     def ready(self) -> None:
-        self.desk.until(lambda: self.plane.boot.has("prearm"))
+        self.gcs.until(lambda: self.plane.boot.has("prearm"))
 
     def wait(self, seconds: float) -> None:
-        self.desk.world.step(seconds)
+        self.gcs.world.step(seconds)
 
     def take_off(self, then: int = LOITER) -> None:
         """Into the air with mode TAKEOFF, and into another once it is up."""
         self.ready()
         assert self.mode(TAKEOFF) == 0
-        assert self.desk.command(ARM, 1) == 0
-        self.desk.until(lambda: self.plane.height > 48.0)
+        assert self.gcs.command(ARM, 1) == 0
+        self.gcs.until(lambda: self.plane.height > 48.0)
         self.wait(1.0)
         assert self.mode(then) == 0
-        self.desk.clear()
+        self.gcs.clear()
 
     def put_up(self, then: int = LOITER, height: float = 60.0) -> None:
         """In the air at once, to the north at 22 m/s over the world's origin, in some mode."""
         self.ready()
         assert self.mode(FBWA) == 0
-        assert self.desk.command(ARM, 1) == 0
-        fleet, i = self.desk.vehicle.node.seat.fleet, self.desk.vehicle.node.seat.index
+        assert self.gcs.command(ARM, 1) == 0
+        fleet, i = self.gcs.vehicle.node.seat.fleet, self.gcs.vehicle.node.seat.index
         assert isinstance(fleet, PlaneFleet)
         dyn = fleet.dynamics
         dyn.pos[2, i], dyn.vel[0, i], dyn.throttle[i] = -height, 22.0 * self.plane.eas2tas, 0.48
@@ -62,18 +62,18 @@ class Field:
         assert self.mode(LOITER) == 0
         self.wait(0.9)
         assert self.mode(then) == 0
-        self.desk.clear()
+        self.gcs.clear()
 
     def reposition(self, north: float, east: float, up: float, **more: float) -> int:
         x, y = degrees(north, east)
-        return self.desk.command_int(REPOSITION, x=x, y=y, z=up, frame=3, **{"param1": -1.0, **more})
+        return self.gcs.command_int(REPOSITION, x=x, y=y, z=up, frame=3, **{"param1": -1.0, **more})
 
     def set(self, name: str, value: float) -> None:
-        self.desk.send("PARAM_SET", param_id=name, param_value=value, param_type=9)
+        self.gcs.send("PARAM_SET", param_id=name, param_value=value, param_type=9)
         assert self.plane.params[name] == pytest.approx(value)
 
     def heartbeat(self) -> None:
-        self.desk.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
+        self.gcs.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
 
     def keep(self, seconds: float, send: Callable[[], Any]) -> None:
         """Say it five times a second."""
@@ -99,9 +99,9 @@ MakeField = Callable[..., Field]
 
 
 @pytest.fixture
-def make_field(make_desk: MakeDesk) -> MakeField:
+def make_field(make_gcs: MakeGcs) -> MakeField:
     def make(**options: Any) -> Field:
-        return Field(make_desk([PLANE], **options))
+        return Field(make_gcs([PLANE], **options))
 
     return make
 

@@ -26,19 +26,19 @@ FORCE = 21196
 def test_it_wakes_up_on_the_measured_timeline(make_field: MakeField) -> None:
     field = make_field(ready_s=REALISTIC_READY_S)
     seen: dict[str, float] = {}
-    while field.desk.world.time_s < 24.0:
+    while field.gcs.world.time_s < 24.0:
         field.wait(0.5)
-        if field.desk.world.time_s < 2.0:
+        if field.gcs.world.time_s < 2.0:
             continue
         for name, true in {
-            "manual": field.desk.last("HEARTBEAT")["custom_mode"] == MANUAL,
-            "gps": field.desk.last("GPS_RAW_INT")["fix_type"] == 6,
-            "aligned": field.desk.last("EKF_STATUS_REPORT")["flags"] == 0xA7,
-            "position": field.desk.last("EKF_STATUS_REPORT")["flags"] == 0x33F,
-            "prearm": bool(field.desk.last("SYS_STATUS")["onboard_control_sensors_health"] & PREARM),
+            "manual": field.gcs.last("HEARTBEAT")["custom_mode"] == MANUAL,
+            "gps": field.gcs.last("GPS_RAW_INT")["fix_type"] == 6,
+            "aligned": field.gcs.last("EKF_STATUS_REPORT")["flags"] == 0xA7,
+            "position": field.gcs.last("EKF_STATUS_REPORT")["flags"] == 0x33F,
+            "prearm": bool(field.gcs.last("SYS_STATUS")["onboard_control_sensors_health"] & PREARM),
         }.items():
             if true:
-                seen.setdefault(name, field.desk.world.time_s)
+                seen.setdefault(name, field.gcs.world.time_s)
     expected = {"manual": 2.0, "gps": 9.4, "aligned": 12.4, "position": 20.4, "prearm": 22.9}
     assert seen == pytest.approx(expected, abs=0.6)
 
@@ -46,15 +46,15 @@ def test_it_wakes_up_on_the_measured_timeline(make_field: MakeField) -> None:
 def test_it_is_a_plane_and_boots_initialising(make_field: MakeField) -> None:
     field = make_field(ready_s=REALISTIC_READY_S)
     field.wait(1.0)
-    beat = field.desk.last("HEARTBEAT")
+    beat = field.gcs.last("HEARTBEAT")
     assert (beat["type"], beat["autopilot"]) == (1, 3)
     assert (beat["base_mode"], beat["custom_mode"], beat["system_status"]) == (17, 16, 2)
     field.wait(1.0)
-    beat = field.desk.last("HEARTBEAT")
+    beat = field.gcs.last("HEARTBEAT")
     assert (beat["base_mode"], beat["custom_mode"], beat["system_status"]) == (81, MANUAL, 3)
-    field.desk.send("PARAM_REQUEST_LIST")
+    field.gcs.send("PARAM_REQUEST_LIST")
     field.wait(0.5)
-    assert "ArduPlane V4.7.0-dev (zmav-sim)" in field.desk.texts()
+    assert "ArduPlane V4.7.0-dev (zmav-sim)" in field.gcs.texts()
 
 
 def test_early_arming_is_refused_in_its_own_words(make_field: MakeField) -> None:
@@ -69,30 +69,30 @@ def test_early_arming_is_refused_in_its_own_words(make_field: MakeField) -> None
         11.0: {"Arm: Accels inconsistent"},
         15.0: {"Arm: Gyros inconsistent"},
     }.items():
-        field.wait(until - field.desk.world.time_s)
-        field.desk.clear()
-        assert field.desk.command(ARM, 1) == FAILED
-        assert words <= set(field.desk.texts())
-        assert len(words) == sum(text.startswith("Arm: ") for text in field.desk.texts())
-    assert field.desk.command(ARM, 1, FORCE) == ACCEPTED
+        field.wait(until - field.gcs.world.time_s)
+        field.gcs.clear()
+        assert field.gcs.command(ARM, 1) == FAILED
+        assert words <= set(field.gcs.texts())
+        assert len(words) == sum(text.startswith("Arm: ") for text in field.gcs.texts())
+    assert field.gcs.command(ARM, 1, FORCE) == ACCEPTED
 
 
 def test_arming_and_its_texts(field: Field) -> None:
     field.ready()
-    assert field.desk.command(ARM, 1) == ACCEPTED
-    assert field.desk.texts()[-1] == "Throttle armed"
-    assert field.desk.last("HEARTBEAT")["base_mode"] & 128
-    assert field.desk.command(ARM, 0) == ACCEPTED
-    assert field.desk.texts()[-1] == "Throttle disarmed"
+    assert field.gcs.command(ARM, 1) == ACCEPTED
+    assert field.gcs.texts()[-1] == "Throttle armed"
+    assert field.gcs.last("HEARTBEAT")["base_mode"] & 128
+    assert field.gcs.command(ARM, 0) == ACCEPTED
+    assert field.gcs.texts()[-1] == "Throttle disarmed"
     assert field.mode(RTL) == ACCEPTED
-    field.desk.clear()
-    assert field.desk.command(ARM, 1) == FAILED
-    assert field.desk.texts() == ["Arm: RTL mode not armable"]
+    field.gcs.clear()
+    assert field.gcs.command(ARM, 1) == FAILED
+    assert field.gcs.texts() == ["Arm: RTL mode not armable"]
 
 
 def test_in_the_air_it_does_not_disarm_unless_forced(flying: Field) -> None:
-    assert flying.desk.command(ARM, 0) == FAILED
-    assert flying.desk.command(ARM, 0, FORCE) == ACCEPTED
+    assert flying.gcs.command(ARM, 0) == FAILED
+    assert flying.gcs.command(ARM, 0, FORCE) == ACCEPTED
     flying.wait(0.2)
     assert flying.plane.sense.throttle == 0.0
 
@@ -104,44 +104,44 @@ def test_modes_and_what_it_says_of_those_it_has_not(flying: Field) -> None:
     known = {MANUAL: 209, CIRCLE: 217, FBWA: 209, RTL: 217, LOITER: 217, TAKEOFF: 217, GUIDED: 217}
     for number, flags in known.items():
         assert flying.mode(number) == ACCEPTED
-        beat = flying.desk.all("HEARTBEAT")[-1]
+        beat = flying.gcs.all("HEARTBEAT")[-1]
         assert (beat["custom_mode"], beat["base_mode"]) == (number, flags)
     for number, text in {9: "No such mode 9", 17: "Q_ENABLE 0", 25: "Q_ENABLE 0"}.items():
-        flying.desk.clear()
+        flying.gcs.clear()
         assert flying.mode(number) == FAILED
-        assert flying.desk.texts() == [text]
+        assert flying.gcs.texts() == [text]
     assert flying.plane.mode.number == GUIDED
-    flying.desk.clear()
+    flying.gcs.clear()
     assert flying.mode(AUTO) == ACCEPTED
     assert flying.plane.mode.number == RTL
-    assert "Mission complete, changing mode to RTL" in flying.desk.texts()
+    assert "Mission complete, changing mode to RTL" in flying.gcs.texts()
 
 
 def test_commands_that_are_modes(flying: Field) -> None:
-    assert flying.desk.command(20) == ACCEPTED
+    assert flying.gcs.command(20) == ACCEPTED
     assert flying.plane.mode.number == RTL
-    assert flying.desk.command(17) == ACCEPTED
+    assert flying.gcs.command(17) == ACCEPTED
     assert flying.plane.mode.number == LOITER
-    assert flying.desk.command(21) == UNSUPPORTED
-    assert flying.desk.command(22, 0, 0, 0, 0, 0, 0, 50) == FAILED
+    assert flying.gcs.command(21) == UNSUPPORTED
+    assert flying.gcs.command(22, 0, 0, 0, 0, 0, 0, 50) == FAILED
 
 
 def test_the_mode_switch_is_on_channel_eight(flying: Field) -> None:
-    flying.desk.vehicle.pilot_mode("FBWA")
+    flying.gcs.vehicle.pilot_mode("FBWA")
     flying.wait(0.2)
     assert flying.plane.mode.number == FBWA
-    assert flying.desk.last("RC_CHANNELS")["chan8_raw"] == 1555
+    assert flying.gcs.last("RC_CHANNELS")["chan8_raw"] == 1555
     with pytest.raises(BadInput, match="FBWA"):
-        flying.desk.vehicle.pilot_mode("ACRO")
+        flying.gcs.vehicle.pilot_mode("ACRO")
     with pytest.raises(BadInput, match="an ArduPlane"):
-        _ = flying.desk.vehicle.copter
+        _ = flying.gcs.vehicle.copter
 
 
 def test_by_hand_surfaces_follow_the_sticks(flying: Field) -> None:
     flying.plane.pilot.sticks(roll=0.5, pitch=-0.4, yaw=0.3, throttle=0.7)
     assert flying.mode(MANUAL) == ACCEPTED
     flying.wait(0.2)
-    servos = flying.desk.last("SERVO_OUTPUT_RAW")
+    servos = flying.gcs.last("SERVO_OUTPUT_RAW")
     assert [servos[f"servo{i}_raw"] for i in range(1, 5)] == [1700, 1660, 1700, 1620]
 
 
@@ -175,12 +175,12 @@ def test_takeoff_as_measured(make_field: MakeField) -> None:
     assert field.mode(TAKEOFF) == ACCEPTED
     field.wait(2.0)
     assert field.plane.sense.throttle == 0.0
-    assert field.desk.command(ARM, 1) == ACCEPTED
-    took = field.desk.until(lambda: field.plane.height > 45.0)
+    assert field.gcs.command(ARM, 1) == ACCEPTED
+    took = field.gcs.until(lambda: field.plane.height > 45.0)
     assert 6.0 < took < 9.0  # recorded: 45 m within 8 s
-    assert field.desk.last("EXTENDED_SYS_STATE")["landed_state"] in (2, 3)
+    assert field.gcs.last("EXTENDED_SYS_STATE")["landed_state"] in (2, 3)
     field.wait(9.0)
-    texts = field.desk.texts()
+    texts = field.gcs.texts()
     expected = [
         "Throttle armed",
         "Armed AUTO, xaccel = 0.0 m/s/s, waiting 0.2 sec",
@@ -193,13 +193,13 @@ def test_takeoff_as_measured(make_field: MakeField) -> None:
     # It circles where it was sent, at that height.
     assert field.plane.height == pytest.approx(50.0, abs=4.0)
     assert field.away(north=200.0) < 130.0
-    assert field.desk.last("HEARTBEAT")["system_status"] == 4
+    assert field.gcs.last("HEARTBEAT")["system_status"] == 4
 
 
 def test_guided_on_the_ground_does_not_take_off(field: Field) -> None:
     field.ready()
     assert field.mode(GUIDED) == ACCEPTED
-    assert field.desk.command(ARM, 1) == ACCEPTED
+    assert field.gcs.command(ARM, 1) == ACCEPTED
     assert field.reposition(300, 0, 60) == ACCEPTED
     field.wait(5.0)
     assert field.away() == 0.0
@@ -213,25 +213,25 @@ def test_a_reposition_is_circled_as_wide_as_measured(flying: Field) -> None:
     assert flying.reposition(200, 150, 70) == FAILED  # not in GUIDED
     assert flying.reposition(200, 150, 70, param2=1.0) == ACCEPTED
     assert flying.plane.mode.number == GUIDED
-    flying.desk.until(lambda: flying.plane.way.circling)
+    flying.gcs.until(lambda: flying.plane.way.circling)
     flying.wait(0.2)
-    assert [m["seq"] for m in flying.desk.all("MISSION_ITEM_REACHED")] == [0]
+    assert [m["seq"] for m in flying.gcs.all("MISSION_ITEM_REACHED")] == [0]
     flying.wait(15.0)
     radii = flying.track(8.0, lambda: flying.away(200.0, 150.0))
     assert max(radii) < 106.0
     assert min(radii) > 90.0  # recorded: 96 to 97 m
     assert flying.plane.height == pytest.approx(70.0, abs=1.0)
     assert flying.plane.eas == pytest.approx(22.0, abs=0.3)
-    told = flying.desk.last("NAV_CONTROLLER_OUTPUT")
+    told = flying.gcs.last("NAV_CONTROLLER_OUTPUT")
     assert told["nav_roll"] == pytest.approx(38.0, abs=3.0)
     assert told["xtrack_error"] == pytest.approx(11.0, abs=6.0)
-    target = flying.desk.last("POSITION_TARGET_GLOBAL_INT")
+    target = flying.gcs.last("POSITION_TARGET_GLOBAL_INT")
     assert (target["lat_int"], target["lon_int"]) == degrees(200, 150)
 
 
 def test_a_reposition_may_name_its_radius_and_side(flying: Field) -> None:
     assert flying.reposition(100, 0, 60, param2=1.0, param3=150.0, param4=1.0) == ACCEPTED
-    flying.desk.until(lambda: flying.plane.way.turned > 1.5)
+    flying.gcs.until(lambda: flying.plane.way.turned > 1.5)
     s = flying.plane.sense
     assert (s.north - 100.0) * s.ve - s.east * s.vn < 0.0  # counter-clockwise
     assert flying.away(100.0) == pytest.approx(150.0 * flying.plane.eas2tas**2, abs=25.0)
@@ -239,11 +239,11 @@ def test_a_reposition_may_name_its_radius_and_side(flying: Field) -> None:
 
 def test_repositions_that_make_no_sense(flying: Field) -> None:
     assert flying.mode(GUIDED) == ACCEPTED
-    assert flying.desk.command(192, -1, 1, 0, 0, 10, 10, 50) == INT_ONLY
-    assert flying.desk.command_int(192, x=0, y=0, z=50.0) == DENIED
-    assert flying.desk.command_int(192, x=950_000_000, y=0, z=50.0) == DENIED
-    assert flying.desk.command_int(192, x=1, y=1, z=math.nan) == DENIED
-    assert flying.desk.command_int(192, x=1, y=1, z=50.0, frame=77) == DENIED
+    assert flying.gcs.command(192, -1, 1, 0, 0, 10, 10, 50) == INT_ONLY
+    assert flying.gcs.command_int(192, x=0, y=0, z=50.0) == DENIED
+    assert flying.gcs.command_int(192, x=950_000_000, y=0, z=50.0) == DENIED
+    assert flying.gcs.command_int(192, x=1, y=1, z=math.nan) == DENIED
+    assert flying.gcs.command_int(192, x=1, y=1, z=50.0, frame=77) == DENIED
 
 
 def test_attitude_targets_are_flown_for_three_seconds(flying: Field) -> None:
@@ -251,7 +251,7 @@ def test_attitude_targets_are_flown_for_three_seconds(flying: Field) -> None:
     half = math.radians(20.0) / 2.0
 
     def send() -> None:
-        flying.desk.send("SET_ATTITUDE_TARGET", type_mask=7, q=[math.cos(half), math.sin(half), 0.0, 0.0], thrust=0.7)
+        flying.gcs.send("SET_ATTITUDE_TARGET", type_mask=7, q=[math.cos(half), math.sin(half), 0.0, 0.0], thrust=0.7)
 
     flying.keep(4.0, send)
     assert math.degrees(flying.plane.sense.roll) == pytest.approx(20.0, abs=2.0)
@@ -259,20 +259,20 @@ def test_attitude_targets_are_flown_for_three_seconds(flying: Field) -> None:
     flying.wait(4.0)
     assert math.degrees(flying.plane.sense.roll) > 30.0  # back on its circle
     assert flying.plane.sense.throttle < 0.69
-    flying.desk.send("SET_ATTITUDE_TARGET", type_mask=7, q=[math.nan, 0.0, 0.0, 0.0], thrust=0.7)
+    flying.gcs.send("SET_ATTITUDE_TARGET", type_mask=7, q=[math.nan, 0.0, 0.0, 0.0], thrust=0.7)
     flying.wait(0.5)
     assert flying.plane.sense.throttle < 0.69
 
 
 def test_change_speed(flying: Field) -> None:
-    assert flying.desk.command(178, 0, 25) == FAILED
+    assert flying.gcs.command(178, 0, 25) == FAILED
     assert flying.mode(GUIDED) == ACCEPTED
-    assert flying.desk.command(178, 0, 25) == ACCEPTED
-    assert flying.desk.texts()[-1] == "Set airspeed 25 m/s"
+    assert flying.gcs.command(178, 0, 25) == ACCEPTED
+    assert flying.gcs.texts()[-1] == "Set airspeed 25 m/s"
     flying.wait(8.0)
     assert flying.plane.eas == pytest.approx(25.0, abs=1.0)
-    assert flying.desk.command(178, 0, 99) == FAILED
-    assert flying.desk.command(178, 0, -2) == ACCEPTED
+    assert flying.gcs.command(178, 0, 99) == FAILED
+    assert flying.gcs.command(178, 0, -2) == ACCEPTED
     assert flying.plane.airspeed_wanted == 22.0
 
 
@@ -288,7 +288,7 @@ def test_rtl_circles_home_at_its_altitude(field: Field) -> None:
 
 
 def test_rtl_goes_to_the_nearest_rally_point(flying: Field) -> None:
-    assert upload(flying.desk, [at(5100, 200, 100, 70, frame=3)], kind=2) == ACCEPTED
+    assert upload(flying.gcs, [at(5100, 200, 100, 70, frame=3)], kind=2) == ACCEPTED
     assert flying.mode(RTL) == ACCEPTED
     flying.wait(22.0)
     assert flying.away(200.0, 100.0) < 120.0
@@ -298,21 +298,21 @@ def test_rtl_goes_to_the_nearest_rally_point(flying: Field) -> None:
 def test_autoland_lands_where_it_took_off_and_disarms(field: Field) -> None:
     field.ready()
     assert field.mode(AUTOLAND) == FAILED
-    assert "Must already be flying!" in field.desk.texts()
+    assert "Must already be flying!" in field.gcs.texts()
     for name, value in {"AUTOLAND_WP_DIST": 250, "AUTOLAND_WP_ALT": 35, "LAND_DISARMDELAY": 2}.items():
         field.set(name, value)
     field.put_up(height=40.0)
     assert field.mode(AUTOLAND) == FAILED
-    assert "Takeoff initial direction not set" in field.desk.texts()
+    assert "Takeoff initial direction not set" in field.gcs.texts()
     field.plane.takeoff_direction = 0.0
     assert field.mode(AUTOLAND) == ACCEPTED
-    field.desk.until(lambda: field.plane.landing.flaring, 90.0)
-    assert field.desk.last("EXTENDED_SYS_STATE")["landed_state"] == 4
+    field.gcs.until(lambda: field.plane.landing.flaring, 90.0)
+    assert field.gcs.last("EXTENDED_SYS_STATE")["landed_state"] == 4
     sinking = field.plane.sense.vd
     assert 1.5 < sinking < 4.0
-    field.desk.until(lambda: not field.plane.armed, 60.0)
+    field.gcs.until(lambda: not field.plane.armed, 60.0)
     assert field.away() < 60.0
-    texts = field.desk.texts()
+    texts = field.gcs.texts()
     for start in (
         "Loiter to alt complete",
         "Landing approach start at ",
@@ -324,4 +324,4 @@ def test_autoland_lands_where_it_took_off_and_disarms(field: Field) -> None:
     assert "Auto disarmed" in texts
     assert texts[-1].startswith("Distance from LAND point=")
     assert abs(field.plane.sense.roll) < 0.05
-    assert field.desk.last("HEARTBEAT")["system_status"] == 3
+    assert field.gcs.last("HEARTBEAT")["system_status"] == 3

@@ -13,19 +13,19 @@ if TYPE_CHECKING:
 
 
 def warnings(field: Field) -> list[str]:
-    return [m["text"] for m in field.desk.all("STATUSTEXT") if m["severity"] == 4]
+    return [m["text"] for m in field.gcs.all("STATUSTEXT") if m["severity"] == 4]
 
 
 def test_losing_the_radio_has_a_short_and_a_long_step(flying: Field) -> None:
     flying.plane.pilot.sticks(throttle=0.5)
     assert flying.mode(FBWA) == 0
     flying.plane.pilot.lose()
-    start = flying.desk.world.time_s
-    flying.desk.until(lambda: flying.plane.mode.number == CIRCLE)
-    assert flying.desk.world.time_s - start == pytest.approx(1.5, abs=0.25)  # FS_SHORT_TIMEOUT
-    assert flying.desk.last("HEARTBEAT")["system_status"] == 5
-    flying.desk.until(lambda: flying.plane.mode.number == RTL)
-    assert flying.desk.world.time_s - start == pytest.approx(6.5, abs=0.4)  # and FS_LONG_TIMEOUT after it
+    start = flying.gcs.world.time_s
+    flying.gcs.until(lambda: flying.plane.mode.number == CIRCLE)
+    assert flying.gcs.world.time_s - start == pytest.approx(1.5, abs=0.25)  # FS_SHORT_TIMEOUT
+    assert flying.gcs.last("HEARTBEAT")["system_status"] == 5
+    flying.gcs.until(lambda: flying.plane.mode.number == RTL)
+    assert flying.gcs.world.time_s - start == pytest.approx(6.5, abs=0.4)  # and FS_LONG_TIMEOUT after it
     flying.plane.pilot.regain()
     flying.wait(0.5)
     assert warnings(flying) == [
@@ -36,7 +36,7 @@ def test_losing_the_radio_has_a_short_and_a_long_step(flying: Field) -> None:
         "RC Long Failsafe Cleared",
     ]
     assert flying.plane.mode.number == RTL
-    assert flying.desk.last("HEARTBEAT")["system_status"] == 4
+    assert flying.gcs.last("HEARTBEAT")["system_status"] == 4
 
 
 def test_a_radio_that_comes_back_soon_gives_the_mode_back(flying: Field) -> None:
@@ -49,7 +49,7 @@ def test_a_radio_that_comes_back_soon_gives_the_mode_back(flying: Field) -> None
     flying.wait(0.5)
     assert flying.plane.mode.number == FBWA
     assert warnings(flying)[-2:] == ["Throttle failsafe off", "Short Failsafe Cleared"]
-    assert "Flight mode FBWA restored" in flying.desk.texts()
+    assert "Flight mode FBWA restored" in flying.gcs.texts()
 
 
 @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL), (2, FBWA)])
@@ -122,18 +122,18 @@ def test_a_fence_is_kept(flying: Field, action: int, mode: int) -> None:
         flying.set(name, value)
     flying.plane.pilot.sticks(throttle=0.6)
     assert flying.mode(FBWA) == 0
-    flying.desk.until(lambda: flying.away() > 130.0)
+    flying.gcs.until(lambda: flying.away() > 130.0)
     flying.wait(0.5)
     assert flying.plane.mode.number == mode
-    assert "Circle fence breached" in flying.desk.texts()
-    assert flying.desk.last("FENCE_STATUS")["breach_type"] == 3
+    assert "Circle fence breached" in flying.gcs.texts()
+    assert flying.gcs.last("FENCE_STATUS")["breach_type"] == 3
     if action:
-        flying.desk.clear()
+        flying.gcs.clear()
         assert flying.mode(MANUAL) == 4
-        assert flying.desk.texts() == ["Mode change to MANUAL denied, in fence recovery"]
-        flying.desk.until(lambda: flying.away() < 120.0, 30.0)
+        assert flying.gcs.texts() == ["Mode change to MANUAL denied, in fence recovery"]
+        flying.gcs.until(lambda: flying.away() < 120.0, 30.0)
         flying.wait(0.5)
-        assert "Fence breach cleared" in flying.desk.texts()
+        assert "Fence breach cleared" in flying.gcs.texts()
 
 
 def test_the_fence_keeps_repositions_out(flying: Field) -> None:
@@ -149,7 +149,7 @@ def test_with_everything_lost_it_flies_on_without_a_stall(flying: Field) -> None
     flying.set("FS_GCS_ENABL", 1)
     flying.heartbeat()
     flying.plane.pilot.lose()
-    flying.desk.world.fault("plane1", "gps-loss")
+    flying.gcs.world.fault("plane1", "gps-loss")
     speeds = flying.track(20.0, lambda: flying.plane.eas)
     assert 18.0 < min(speeds) <= max(speeds) < 28.0
     assert 40.0 < flying.plane.height < 130.0
@@ -167,14 +167,14 @@ def test_sticks_from_the_ground_are_taken(flying: Field) -> None:
     assert flying.mode(FBWA) == 0
 
     def send() -> None:
-        flying.desk.send("MANUAL_CONTROL", target=flying.desk.vehicle.sysid, x=0, y=500, z=600, r=0, buttons=0)
+        flying.gcs.send("MANUAL_CONTROL", target=flying.gcs.vehicle.sysid, x=0, y=500, z=600, r=0, buttons=0)
 
     flying.keep(2.0, send)
     assert flying.plane.sense.roll == pytest.approx(0.567, abs=0.05)  # half of ROLL_LIMIT_DEG
     assert flying.plane.sense.throttle == pytest.approx(0.6, abs=0.02)
 
     def override() -> None:
-        flying.desk.send(
+        flying.gcs.send(
             "RC_CHANNELS_OVERRIDE",
             chan1_raw=1250,
             chan2_raw=65535,

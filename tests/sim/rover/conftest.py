@@ -1,4 +1,4 @@
-"""A desk at one simulated rover, and what it is often told."""
+"""A ground station at one simulated rover, and what it is often told."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.sim.conftest import POSITION, Desk, MakeDesk
+from tests.sim.conftest import POSITION, Gcs, MakeGcs
 from zmav.sim import VehicleSpec
 from zmav.sim.autopilots.ardurover.rover import ArduRover
 
@@ -18,27 +18,27 @@ GUIDED, HOLD, MANUAL, AUTO, RTL = 15, 4, 0, 10, 11
 class Yard:
     """A rover, and the ground station beside it."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
-        self.rover: ArduRover = desk.vehicle.rover
+    def __init__(self, gcs: Gcs) -> None:
+        self.gcs = gcs
+        self.rover: ArduRover = gcs.vehicle.rover
 
     def mode(self, number: int) -> int:
-        return self.desk.command(176, 1, number)
+        return self.gcs.command(176, 1, number)
 
     def ready(self, mode: int = GUIDED) -> None:
         """Armed in a mode, with a position."""
-        self.desk.until(lambda: self.rover.position_ok)
+        self.gcs.until(lambda: self.rover.position_ok)
         assert self.mode(mode) == 0
-        assert self.desk.command(400, 1) == 0
-        self.desk.clear()
+        assert self.gcs.command(400, 1) == 0
+        self.gcs.clear()
 
     def goto(self, north: float, east: float, frame: int = 1, mask: int = POSITION, **more: float) -> None:
         fields = {"coordinate_frame": frame, "type_mask": mask, "x": north, "y": east, **more}
-        self.desk.send("SET_POSITION_TARGET_LOCAL_NED", **fields)
+        self.gcs.send("SET_POSITION_TARGET_LOCAL_NED", **fields)
 
     def sticks(self, steering: int = 1500, throttle: int = 1500) -> None:
         """Pulses, as an override."""
-        self.desk.send(
+        self.gcs.send(
             "RC_CHANNELS_OVERRIDE",
             **{f"chan{i}_raw": 65535 for i in (2, *range(4, 9))},
             chan1_raw=steering,
@@ -49,7 +49,7 @@ class Yard:
         """Say it ten times a second."""
         for _ in range(round(seconds * 10)):
             send()
-            self.desk.world.step(0.1)
+            self.gcs.world.step(0.1)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -70,12 +70,12 @@ MakeYard = Callable[..., Yard]
 
 
 @pytest.fixture
-def make_yard(make_desk: MakeDesk) -> MakeYard:
+def make_yard(make_gcs: MakeGcs) -> MakeYard:
     """A world with one rover; ``params`` are the vehicle's, the rest the world's."""
 
     def make(params: dict[str, float] | None = None, **options: Any) -> Yard:
         spec = VehicleSpec(autopilot="ardurover", params=params or {})
-        return Yard(make_desk([spec], **options))
+        return Yard(make_gcs([spec], **options))
 
     return make
 

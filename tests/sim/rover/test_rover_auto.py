@@ -52,7 +52,7 @@ TOOK = {
 
 def begin(yard: Yard, items: list[plans.Fields], *, home: bool = True) -> None:
     """Upload, arm and start; items are placed about where the rover stands."""
-    yard.desk.until(lambda: yard.rover.position_ok)
+    yard.gcs.until(lambda: yard.rover.position_ok)
     place = yard.rover.position
     moved = []
     for item in items:
@@ -60,31 +60,31 @@ def begin(yard: Yard, items: list[plans.Fields], *, home: bool = True) -> None:
             x = item["x"] + round((place.lat_deg - plans.HOME_LAT) * 1e7)
             item = {**item, "x": x, "y": item["y"] + round((place.lon_deg - plans.HOME_LON) * 1e7)}
         moved.append(item)
-    assert plans.upload(yard.desk, moved, home=home) == 0
+    assert plans.upload(yard.gcs, moved, home=home) == 0
     yard.ready(15)
-    assert yard.desk.command(300) == 0
+    assert yard.gcs.command(300) == 0
 
 
 def test_the_whole_mission(yard: Yard) -> None:
     begin(yard, MISSION)
     assert yard.rover.mode.number == AUTO
     corner = math.inf
-    start = yard.desk.world.time_s
+    start = yard.gcs.world.time_s
     said: dict[str, float] = {}
-    while "Mission Complete" not in yard.desk.texts():
-        assert yard.desk.world.time_s - start < 150.0, yard.desk.texts()
-        yard.desk.world.step(0.2)
-        for text in yard.desk.texts()[len(said) :]:
-            said.setdefault(text, yard.desk.world.time_s)
+    while "Mission Complete" not in yard.gcs.texts():
+        assert yard.gcs.world.time_s - start < 150.0, yard.gcs.texts()
+        yard.gcs.world.step(0.2)
+        for text in yard.gcs.texts()[len(said) :]:
+            said.setdefault(text, yard.gcs.world.time_s)
         corner = min(corner, math.dist(yard.place, (15.0, 0.0)))
-    assert yard.desk.texts() == SAID
+    assert yard.gcs.texts() == SAID
     took = {pair: said[pair[1]] - said[pair[0]] for pair in TOOK}
     assert took == pytest.approx(TOOK, abs=1.5)
-    assert plans.reached(yard.desk) == [1, 2, 3, 4, 5, 5, 7]
+    assert plans.reached(yard.gcs) == [1, 2, 3, 4, 5, 5, 7]
     assert corner < yard.rover.params["WP_RADIUS"]
-    yard.desk.until(yard.stands)
+    yard.gcs.until(yard.stands)
     assert yard.rover.from_home < yard.rover.params["WP_RADIUS"]
-    current = yard.desk.last("MISSION_CURRENT")
+    current = yard.gcs.last("MISSION_CURRENT")
     assert (current["seq"], current["total"], current["mission_state"], current["mission_mode"]) == (7, 7, 5, 1)
 
 
@@ -93,25 +93,25 @@ def test_corners_are_cut_and_stops_are_not(yard: Yard) -> None:
     begin(yard, [at(WAYPOINT, 20, 0), at(WAYPOINT, 40, 2)])
     slowest = math.inf
     while yard.place[0] < 28.0:
-        yard.desk.world.step(0.2)
+        yard.gcs.world.step(0.2)
         if yard.place[0] > 12.0:
             slowest = min(slowest, yard.speed)
     assert slowest > 2.0
-    yard.desk.until(lambda: "Mission Complete" in yard.desk.texts() and yard.stands(), 40.0)
+    yard.gcs.until(lambda: "Mission Complete" in yard.gcs.texts() and yard.stands(), 40.0)
     assert math.dist(yard.place, (40.0, 2.0)) < 1.5
 
 
 def test_speed_is_kept_to(yard: Yard) -> None:
     begin(yard, [do(SPEED, 1, 2.0), at(WAYPOINT, 25, 0)])
-    yard.desk.until(lambda: "speed: 2.0 m/s" in yard.desk.texts(), 1.0)
-    yard.desk.until(lambda: yard.place[0] > 10.0, 40.0)
+    yard.gcs.until(lambda: "speed: 2.0 m/s" in yard.gcs.texts(), 1.0)
+    yard.gcs.until(lambda: yard.place[0] > 10.0, 40.0)
     assert yard.speed == pytest.approx(2.0, abs=0.25)
 
 
 def test_stays_for_ever(yard: Yard) -> None:
     begin(yard, [at(LOITER_UNLIM, 6, 0), at(WAYPOINT, 30, 0)])
-    yard.desk.until(lambda: "Reached waypoint #1" in yard.desk.texts(), 30.0)
-    yard.desk.world.step(4.0)
+    yard.gcs.until(lambda: "Reached waypoint #1" in yard.gcs.texts(), 30.0)
+    yard.gcs.world.step(4.0)
     assert abs(yard.speed) < 0.5
     assert yard.place[0] == pytest.approx(6.0, abs=1.5)
 
@@ -119,7 +119,7 @@ def test_stays_for_ever(yard: Yard) -> None:
 def test_a_command_it_does_not_know_is_passed(yard: Yard) -> None:
     """A takeoff is none of a rover's."""
     begin(yard, [plans.takeoff(10.0), at(WAYPOINT, 5, 0)])
-    yard.desk.until(lambda: "Mission Complete" in yard.desk.texts(), 30.0)
+    yard.gcs.until(lambda: "Mission Complete" in yard.gcs.texts(), 30.0)
 
 
 @pytest.mark.parametrize(("behaviour", "mode"), [(0, "AUTO"), (1, "AUTO"), (3, "MANUAL")])
@@ -127,17 +127,17 @@ def test_after_the_mission(make_yard: MakeYard, behaviour: int, mode: str) -> No
     """MIS_DONE_BEHAVE."""
     yard = make_yard(params={"MIS_DONE_BEHAVE": behaviour})
     begin(yard, [at(WAYPOINT, 3, 0)])
-    yard.desk.until(lambda: "Mission Complete" in yard.desk.texts(), 30.0)
-    yard.desk.world.step(0.5)
+    yard.gcs.until(lambda: "Mission Complete" in yard.gcs.texts(), 30.0)
+    yard.gcs.world.step(0.5)
     assert yard.rover.mode.name == mode
 
 
 def test_disarmed_in_auto_it_keeps_its_place(yard: Yard) -> None:
     begin(yard, [at(WAYPOINT, 4, 0), at(WAYPOINT, 30, 0)])
-    yard.desk.until(lambda: yard.rover.mission.current == 2, 20.0)
-    yard.desk.command(400, 0)
+    yard.gcs.until(lambda: yard.rover.mission.current == 2, 20.0)
+    yard.gcs.command(400, 0)
     assert yard.rover.mission.current == 2
     yard.mode(4)
-    yard.desk.command(400, 1)
-    yard.desk.command(400, 0)
+    yard.gcs.command(400, 1)
+    yard.gcs.command(400, 0)
     assert yard.rover.mission.current == 0

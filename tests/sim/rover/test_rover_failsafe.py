@@ -15,7 +15,7 @@ HEARTBEAT = {"type": 6, "autopilot": 8}
 
 
 def set_param(yard: Yard, name: str, value: float) -> None:
-    yard.desk.send("PARAM_SET", param_id=name, param_value=value, param_type=9)
+    yard.gcs.send("PARAM_SET", param_id=name, param_value=value, param_type=9)
 
 
 def test_ground_station_lost(make_yard: MakeYard) -> None:
@@ -23,15 +23,15 @@ def test_ground_station_lost(make_yard: MakeYard) -> None:
     yard = make_yard(params={"FS_GCS_ENABLE": 1})
     yard.ready()
     yard.goto(60.0, 0.0)
-    yard.desk.send("HEARTBEAT", **HEARTBEAT)
-    took = yard.desk.until(lambda: yard.rover.mode.number == HOLD, 20.0)
+    yard.gcs.send("HEARTBEAT", **HEARTBEAT)
+    took = yard.gcs.until(lambda: yard.rover.mode.number == HOLD, 20.0)
     assert took == pytest.approx(5.0 + 1.5, abs=0.25)
-    assert yard.desk.texts() == ["Radio Failsafe"]
-    assert yard.desk.last("HEARTBEAT")["system_status"] == 5
-    yard.desk.send("HEARTBEAT", **HEARTBEAT)
-    yard.desk.world.step(0.3)
-    assert yard.desk.texts()[-1] == "GCS Failsafe Cleared"
-    assert yard.desk.last("HEARTBEAT")["system_status"] == 3
+    assert yard.gcs.texts() == ["Radio Failsafe"]
+    assert yard.gcs.last("HEARTBEAT")["system_status"] == 5
+    yard.gcs.send("HEARTBEAT", **HEARTBEAT)
+    yard.gcs.world.step(0.3)
+    assert yard.gcs.texts()[-1] == "GCS Failsafe Cleared"
+    assert yard.gcs.last("HEARTBEAT")["system_status"] == 3
     assert yard.rover.mode.number == HOLD
 
 
@@ -39,15 +39,15 @@ def test_ground_station_lost_by_its_own_name(make_yard: MakeYard) -> None:
     yard = make_yard(params={"FS_GCS_ENABLE": 1, "FS_THR_ENABLE": 0, "FS_ACTION": 1})
     yard.ready()
     yard.goto(10.0, 0.0)
-    yard.desk.send("HEARTBEAT", **HEARTBEAT)
-    yard.desk.until(lambda: yard.rover.mode.number == RTL, 20.0)
-    assert "GCS Failsafe" in yard.desk.texts()
+    yard.gcs.send("HEARTBEAT", **HEARTBEAT)
+    yard.gcs.until(lambda: yard.rover.mode.number == RTL, 20.0)
+    assert "GCS Failsafe" in yard.gcs.texts()
 
 
 def test_who_was_never_heard_is_not_missed(make_yard: MakeYard) -> None:
     yard = make_yard(params={"FS_GCS_ENABLE": 1})
     yard.ready()
-    yard.desk.world.step(10.0)
+    yard.gcs.world.step(10.0)
     assert yard.rover.mode.number == GUIDED
 
 
@@ -55,16 +55,16 @@ def test_radio_lost(yard: Yard) -> None:
     """Half a second without pulses, and FS_TIMEOUT more; in HOLD nothing happens."""
     yard.ready()
     yard.rover.pilot.lose()
-    took = yard.desk.until(lambda: yard.rover.mode.number == HOLD, 10.0)
+    took = yard.gcs.until(lambda: yard.rover.mode.number == HOLD, 10.0)
     assert took == pytest.approx(2.0, abs=0.25)
-    assert yard.desk.texts() == ["Radio Failsafe"]
+    assert yard.gcs.texts() == ["Radio Failsafe"]
     yard.rover.pilot.regain()
-    yard.desk.world.step(0.3)
-    assert yard.desk.texts()[-1] == "Radio Failsafe Cleared"
-    yard.desk.clear()
+    yard.gcs.world.step(0.3)
+    assert yard.gcs.texts()[-1] == "Radio Failsafe Cleared"
+    yard.gcs.clear()
     yard.rover.pilot.lose()
-    yard.desk.world.step(5.0)
-    assert yard.desk.texts() == []
+    yard.gcs.world.step(5.0)
+    assert yard.gcs.texts() == []
 
 
 def test_throttle_of_a_lost_radio(make_yard: MakeYard) -> None:
@@ -72,8 +72,8 @@ def test_throttle_of_a_lost_radio(make_yard: MakeYard) -> None:
     yard = make_yard(params={"FS_ACTION": 5})
     yard.ready(MANUAL)
     yard.rover.pilot.pwm[2] = 900
-    yard.desk.until(lambda: not yard.rover.armed, 5.0)
-    assert yard.desk.texts()[-2:] == ["Radio Failsafe", "Throttle disarmed"]
+    yard.gcs.until(lambda: not yard.rover.armed, 5.0)
+    assert yard.gcs.texts()[-2:] == ["Radio Failsafe", "Throttle disarmed"]
     assert yard.stands(), "a lost stick has driven it"
 
 
@@ -82,13 +82,13 @@ def test_a_mission_goes_on(make_yard: MakeYard) -> None:
     from tests.sim import plans
 
     yard = make_yard(params={"FS_THR_ENABLE": 2})
-    yard.desk.until(lambda: yard.rover.position_ok)
-    assert plans.upload(yard.desk, [plans.at(16, 100, 0)]) == 0
+    yard.gcs.until(lambda: yard.rover.position_ok)
+    assert plans.upload(yard.gcs, [plans.at(16, 100, 0)]) == 0
     yard.ready()
     yard.mode(AUTO)
     yard.rover.pilot.lose()
-    yard.desk.world.step(3.0)
-    assert "Failsafe - Continuing Auto Mode" in yard.desk.texts()
+    yard.gcs.world.step(3.0)
+    assert "Failsafe - Continuing Auto Mode" in yard.gcs.texts()
     assert yard.rover.mode.number == AUTO
 
 
@@ -97,23 +97,23 @@ def test_low_battery(make_yard: MakeYard) -> None:
     yard = make_yard(params={"BATT_LOW_VOLT": 11.0, "BATT_FS_LOW_ACT": 2})
     yard.ready()
     set_param(yard, "SIM_BATT_VOLTAGE", 10.5)
-    took = yard.desk.until(lambda: yard.rover.mode.number == HOLD, 20.0)
+    took = yard.gcs.until(lambda: yard.rover.mode.number == HOLD, 20.0)
     assert took == pytest.approx(10.0, abs=0.5)
-    assert yard.desk.texts()[0].startswith("Battery 1 is low 10.")
-    assert yard.desk.last("HEARTBEAT")["system_status"] == 3
+    assert yard.gcs.texts()[0].startswith("Battery 1 is low 10.")
+    assert yard.gcs.last("HEARTBEAT")["system_status"] == 3
 
 
 def test_lost_position(yard: Yard) -> None:
     """Without a GPS GUIDED goes on for a while, then holds; modes without a position remain."""
     yard.ready()
     yard.goto(80.0, 0.0)
-    yard.desk.world.step(2.0)
-    yard.desk.world.fault("rover1", "gps-loss")
-    took = yard.desk.until(lambda: yard.rover.mode.number == HOLD, 20.0)
+    yard.gcs.world.step(2.0)
+    yard.gcs.world.fault("rover1", "gps-loss")
+    took = yard.gcs.until(lambda: yard.rover.mode.number == HOLD, 20.0)
     assert took == pytest.approx(8.5, abs=1.5)
-    assert [t for t in yard.desk.texts() if "EKF" in t and "IMU" not in t][:2] == ["EKF variance", "EKF failsafe"]
-    assert yard.desk.last("HEARTBEAT")["system_status"] == 5
-    yard.desk.until(yard.stands)
+    assert [t for t in yard.gcs.texts() if "EKF" in t and "IMU" not in t][:2] == ["EKF variance", "EKF failsafe"]
+    assert yard.gcs.last("HEARTBEAT")["system_status"] == 5
+    yard.gcs.until(yard.stands)
     assert [yard.mode(m) for m in (5, RTL, MANUAL)] == [4, 4, 0]
 
 
@@ -125,15 +125,15 @@ def test_fence(make_yard: MakeYard, action: int, mode: str) -> None:
     yard.keep(7.0, lambda: yard.sticks(1500, 1650))
     assert math.hypot(*yard.place) > 10.0
     assert yard.rover.mode.name == mode
-    assert any("breached" in text for text in yard.desk.texts())
-    assert yard.desk.last("FENCE_STATUS")["breach_count"] == 1
+    assert any("breached" in text for text in yard.gcs.texts())
+    assert yard.gcs.last("FENCE_STATUS")["breach_count"] == 1
 
 
 def test_only_circles_and_polygons(make_yard: MakeYard) -> None:
     """A rover has no ceiling: the bits of FENCE_TYPE for one mean nothing."""
     yard = make_yard(params={"FENCE_ENABLE": 1, "FENCE_TYPE": 15})
     yard.ready()
-    yard.desk.world.step(1.0)
+    yard.gcs.world.step(1.0)
     assert yard.rover.fence.configured == 6
 
 
@@ -141,16 +141,16 @@ def test_rally(yard: Yard) -> None:
     """RTL goes to the nearest rally point where it is nearer than home."""
     from tests.sim import plans
 
-    yard.desk.until(lambda: yard.rover.position_ok)
+    yard.gcs.until(lambda: yard.rover.position_ok)
     here = yard.rover.position
     north = round((here.lat_deg + 0.00009) * 1e7)
     point = {"command": 5100, "frame": 3, "x": north, "y": round(here.lon_deg * 1e7), "z": 0.0}
-    assert plans.upload(yard.desk, [point], 2) == 0
+    assert plans.upload(yard.gcs, [point], 2) == 0
     yard.ready()
     yard.goto(16.0, 0.0)
-    yard.desk.until(lambda: yard.place[0] > 14.0 and yard.stands(), 40.0)
+    yard.gcs.until(lambda: yard.place[0] > 14.0 and yard.stands(), 40.0)
     yard.mode(RTL)
-    yard.desk.until(lambda: "Reached destination" in yard.desk.texts(), 30.0)
+    yard.gcs.until(lambda: "Reached destination" in yard.gcs.texts(), 30.0)
     assert yard.place[0] == pytest.approx(10.0, abs=3.0)
 
 
@@ -158,5 +158,5 @@ def test_every_frame_of_its_radio_is_heard(yard: Yard) -> None:
     """One comes with each of its own updates, 20 ms apart, whatever becomes of that by rounding."""
     yard.ready()
     for _ in range(200):
-        yard.desk.world.step(0.02)
+        yard.gcs.world.step(0.02)
         assert yard.rover.rc.silent_s < 0.015

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import msgspec
 
-from tests.sim.conftest import Desk
+from tests.sim.conftest import Gcs
 from tests.sim.px4.conftest import Companion
 from tests.sim.yardstick.reading import Message
 from zmav.mavlink import Dialect, load_dialect
@@ -23,7 +23,7 @@ PX4_HOME = Home(47.397742, 8.545594, 489.05)
 STREAMS = {0: 2, 6: 5, 10: 10, 11: 10}  # what was asked for: MAV_DATA_STREAM -> Hz
 
 
-class Recorder(Desk):
+class Recorder(Gcs):
     """A ground station that keeps all it hears, with the time of it."""
 
     def __init__(self, autopilot: str) -> None:
@@ -59,49 +59,49 @@ class Recorder(Desk):
 
 
 def copter() -> list[Message]:
-    desk = Recorder("arducopter")
-    desk.begin()
-    desk.take_off(10.0)
+    gcs = Recorder("arducopter")
+    gcs.begin()
+    gcs.take_off(10.0)
     for north, east in ((SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M), (0.0, 0.0)):
-        desk.goto(north, east, -10.0)
-        desk.until(functools.partial(desk.near, north, east, -10.0, 0.3))
-        desk.frames.clear()
-    desk.order(21)
-    desk.until(lambda: not desk.vehicle.copter.armed)
-    desk.world.step(4.0)
-    return desk.end()
+        gcs.goto(north, east, -10.0)
+        gcs.until(functools.partial(gcs.near, north, east, -10.0, 0.3))
+        gcs.frames.clear()
+    gcs.order(21)
+    gcs.until(lambda: not gcs.vehicle.copter.armed)
+    gcs.world.step(4.0)
+    return gcs.end()
 
 
 def rover() -> list[Message]:
-    desk = Recorder("ardurover")
-    desk.begin()
-    desk.at(42.4)
-    desk.order(176, 1, ROVER_GUIDED)
-    desk.order(400, 1)
+    gcs = Recorder("ardurover")
+    gcs.begin()
+    gcs.at(42.4)
+    gcs.order(176, 1, ROVER_GUIDED)
+    gcs.order(400, 1)
     for when, north, east in ROVER_ORDERS:
-        desk.at(when)
-        desk.goto(north, east, 0.0)
-    desk.at(65.2)
-    desk.order(176, 1, ROVER_HOLD)
-    desk.order(400, 0)
-    desk.at(69.0)
-    return desk.end()
+        gcs.at(when)
+        gcs.goto(north, east, 0.0)
+    gcs.at(65.2)
+    gcs.order(176, 1, ROVER_HOLD)
+    gcs.order(400, 0)
+    gcs.at(69.0)
+    return gcs.end()
 
 
 def plane() -> list[Message]:
-    desk = Recorder("arduplane")
-    desk.begin(local=False)
-    desk.at(22.9)
-    desk.order(176, 1, TAKEOFF)
-    desk.order(400, 1)
-    desk.at(31.3)
-    desk.order(176, 1, PLANE_GUIDED)
+    gcs = Recorder("arduplane")
+    gcs.begin(local=False)
+    gcs.at(22.9)
+    gcs.order(176, 1, TAKEOFF)
+    gcs.order(400, 1)
+    gcs.at(31.3)
+    gcs.order(176, 1, PLANE_GUIDED)
     x, y, z = PLANE_PLACE
-    assert desk.command_int(192, x=x, y=y, z=z, param1=-1, param2=1) == 0
-    desk.at(71.4)
-    desk.order(176, 1, PLANE_RTL)
-    desk.at(81.5)
-    return desk.end()
+    assert gcs.command_int(192, x=x, y=y, z=z, param1=-1, param2=1) == 0
+    gcs.at(71.4)
+    gcs.order(176, 1, PLANE_RTL)
+    gcs.at(81.5)
+    return gcs.end()
 
 
 def px4() -> list[Message]:

@@ -139,8 +139,8 @@ async def starting(
         world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5, home=HOME, **weather))
         router = stack.enter_context(open_session(ROUTER))
         for name, url in zip(names, world.urls, strict=True):
-            crew = Onboard(router, OnboardSettings(link=url, name=name, origin=ORIGIN, **settings))
-            await stack.enter_async_context(crew)
+            team = Onboard(router, OnboardSettings(link=url, name=name, origin=ORIGIN, **settings))
+            await stack.enter_async_context(team)
         endpoint = endpoint_of(router)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
         yield Fleet(z, world, names, endpoint)

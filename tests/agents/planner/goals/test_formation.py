@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.planner.goals import formation
-from tests.agents.planner.goals import crew
+from tests.agents.planner.goals import team
 from zmav import wire
 from zmav.config.body import USUAL
 from zmav.errors import BadInput
@@ -32,7 +32,7 @@ def places(asked: wire.swarm.Formation) -> Any:
 def test_the_nearest_neighbours_are_the_spacing_apart(shape: str, count: int) -> None:
     found = places(goal(count, shape))
     assert found.shape == (count, 3)
-    assert crew.nearest(found, DOWNWASH)[0] == pytest.approx(5.0, rel=1e-6)
+    assert team.nearest(found, DOWNWASH)[0] == pytest.approx(5.0, rel=1e-6)
 
 
 def test_a_shape_looks_to_its_heading_with_the_leader_at_its_place() -> None:
@@ -86,7 +86,7 @@ def test_the_error_of_a_shape_is_what_it_is_bent_by() -> None:
     still = formation.placed(offsets, np.zeros(3), 0.0)
     bent = formation.placed(offsets, np.ones(3), 1.0)
     bent[:2, 2] += 1.0
-    errors = crew.shape_error(offsets, np.stack((still, bent)))
+    errors = team.shape_error(offsets, np.stack((still, bent)))
     assert errors == pytest.approx([0.0, 0.5], abs=1e-9)
 
 

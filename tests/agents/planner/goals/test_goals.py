@@ -10,7 +10,7 @@ import pytest
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track
 from agents.planner.model.scene import Bounds, Box, Fence
-from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, lasting, view
+from tests.agents.planner.goals.team import GATE, fly_all, ground, lasting, team, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm
 
@@ -146,7 +146,7 @@ def test_hold_stops() -> None:
 
 @pytest.mark.parametrize("shape", ["vee", "circle"])
 def test_a_formation_forms_up_and_flies_around_what_is_in_its_way(shape: Any) -> None:
-    fleet, world = crew(9), ground([Box(min=(-3.0, 20.0, 0.0), max=(3.0, 30.0, 60.0))])
+    fleet, world = team(9), ground([Box(min=(-3.0, 20.0, 0.0), max=(3.0, 30.0, 60.0))])
     names = list(fleet.vehicles)
     goal = swarm.Formation(
         vehicles=names, shape=shape, at=(20.0, 70.0, -20.0), via=[(30.0, -70.0, -20.0)], heading=1.57
@@ -161,7 +161,7 @@ def test_a_formation_forms_up_and_flies_around_what_is_in_its_way(shape: Any) ->
 
 
 def test_a_shape_that_does_not_get_through_goes_by_plans() -> None:
-    fleet, world = crew(9), ground(GATE)
+    fleet, world = team(9), ground(GATE)
     goal = swarm.Formation(
         vehicles=list(fleet.vehicles), shape="line", at=(0.0, 6.0, -10.0), via=[(0.0, -60.0, -10.0)], heading=1.57
     )

@@ -14,7 +14,7 @@ from agents.planner.model.geometry import world_of
 from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.scene import Scene, Vehicle
 from agents.planner.model.verify import verify
-from tests.agents.planner.goals.crew import DOWNWASH, GATE, ground, point, shape_error
+from tests.agents.planner.goals.team import DOWNWASH, GATE, ground, point, shape_error
 from zmav import wire
 from zmav.wire.swarm import Shape
 
@@ -22,7 +22,7 @@ RIGID = 0.02
 """m that a shape may be off outside of narrow places"""
 
 
-def crew(shape: Shape, count: int, speed: float = 5.0) -> FormationMembers:
+def team(shape: Shape, count: int, speed: float = 5.0) -> FormationMembers:
     goal = wire.swarm.Formation(vehicles=[f"v{i}" for i in range(count)], shape=shape, at=(0.0, 0.0, 0.0))
     one = np.ones(count)
     limits = Limits(speed * one, 2.5 * one, 2.0 * one, 1.5 * one)
@@ -56,7 +56,7 @@ def judged(moved: list[Motion] | None, who: FormationMembers, world: Scene) -> F
 
 @pytest.mark.parametrize(("shape", "count"), [("vee", 9), ("line", 5), ("circle", 12), ("grid", 16)])
 def test_a_shape_goes_where_there_is_room_and_nowhere_else(shape: Shape, count: int) -> None:
-    who, world = crew(shape, count), ground(GATE)
+    who, world = team(shape, count), ground(GATE)
     past = np.array([[-90.0, -90.0, 20.0], [-90.0, 90.0, 20.0]])
     moved = move(past, (0.0, 1.0), who, world_of(world))
     assert judged(moved, who, world).max() < RIGID
@@ -65,7 +65,7 @@ def test_a_shape_goes_where_there_is_room_and_nowhere_else(shape: Shape, count: 
 
 
 def test_a_shape_turns_with_its_way_and_ends_as_it_is_told() -> None:
-    who, world = crew("vee", 9), ground()
+    who, world = team("vee", 9), ground()
     path = np.array([[-40.0, -20.0, 10.0], [-40.0, 40.0, 10.0], [20.0, 40.0, 15.0], [20.0, -20.0, 15.0]])
     moved = move(path, (math.pi / 2.0, 0.0), who, world_of(world))
     assert judged(moved, who, world).max() < RIGID
@@ -78,7 +78,7 @@ def test_a_shape_turns_with_its_way_and_ends_as_it_is_told() -> None:
 
 
 def test_a_shape_turns_where_it_stands() -> None:
-    who, world = crew("line", 7), ground()
+    who, world = team("line", 7), ground()
     there = np.array([[0.0, 0.0, 20.0]])
     moved = move(there, (0.0, 2.5), who, world_of(world))
     assert judged(moved, who, world).max() < RIGID
@@ -87,7 +87,7 @@ def test_a_shape_turns_where_it_stands() -> None:
 
 
 def test_it_is_as_fast_as_its_slowest() -> None:
-    who, world = crew("column", 4), ground()
+    who, world = team("column", 4), ground()
     who.limits.speed[2] = 2.0
     moved = move(np.array([[0.0, 0.0, 10.0], [60.0, 0.0, 10.0]]), (0.0, 0.0), who, world_of(world))
     assert judged(moved, who, world).max() < RIGID
@@ -97,4 +97,4 @@ def test_it_is_as_fast_as_its_slowest() -> None:
 def test_no_way_through_is_none() -> None:
     world = world_of(ground(GATE))
     through_the_wall = np.array([[-60.0, 30.0, 10.0], [60.0, 30.0, 10.0]])
-    assert move(through_the_wall, (0.0, 0.0), crew("vee", 5), world) is None
+    assert move(through_the_wall, (0.0, 0.0), team("vee", 5), world) is None

@@ -14,7 +14,7 @@ from agents.planner.goals.dealing import Ground, Part, Sweeper
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, PlanTo
 from agents.planner.model.scene import Box, Corner, Cylinder, Fence, NoFly, Obstacle
-from tests.agents.planner.goals.crew import balance, crew, fly_all, ground, judge_fly, lasting, view
+from tests.agents.planner.goals.team import balance, fly_all, ground, judge_fly, lasting, team, view
 from zmav import wire
 from zmav.errors import BadInput, Unsupported
 
@@ -139,7 +139,7 @@ def test_a_height_outside_the_fence_and_a_bad_overlap_are_named() -> None:
 
 
 def test_a_search_is_flown_on_one_clock_there_and_back() -> None:
-    fleet, world = crew(5), ground(HOLES)
+    fleet, world = team(5), ground(HOLES)
     polygon = [(y, x) for x, y in SQUARE]
     goal = wire.swarm.Search(vehicles=list(fleet.vehicles), polygon=polygon, angle=0.0, height=20.0)
     steps = resolve(goal, fleet, world)

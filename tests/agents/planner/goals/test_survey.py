@@ -14,7 +14,7 @@ from agents.planner.cli.survey import camera, overlaps, survey
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, PlanTo
 from agents.planner.live.checks import check_goal
-from tests.agents.planner.goals.crew import crew, fly_all, ground, judge_fly, lasting, view
+from tests.agents.planner.goals.team import fly_all, ground, judge_fly, lasting, team, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm
 
@@ -35,7 +35,7 @@ def flown(fleet: FleetView, **more: Any) -> Fly:
 
 
 def test_a_survey_is_flown_there_and_back_and_nobody_meets() -> None:
-    fleet, world = crew(3), ground()
+    fleet, world = team(3), ground()
     steps = resolve(goal(list(fleet.vehicles)), fleet, world)
     there, lanes, back = steps
     assert isinstance(there, PlanTo) and isinstance(lanes, Fly) and isinstance(back, PlanTo)
@@ -46,7 +46,7 @@ def test_a_survey_is_flown_there_and_back_and_nobody_meets() -> None:
 
 def test_lanes_stand_as_far_apart_as_camera_height_and_sidelap_say() -> None:
     """45 m seen at 30 m, of which 65 % again: at most 15.75 m, so six over 80 m."""
-    lanes = flown(crew(1), angle=0.0)
+    lanes = flown(team(1), angle=0.0)
     (motion,) = lanes.motions.values()
     on_lane = motion[(motion[:, 2] > 10.0) & (motion[:, 2] < 110.0)]
     rows = sorted({round(float(x), 1) for x in on_lane[:, 1]})
@@ -55,13 +55,13 @@ def test_lanes_stand_as_far_apart_as_camera_height_and_sidelap_say() -> None:
 
 
 def test_a_heading_is_taken() -> None:
-    (motion,) = flown(crew(1), angle=math.radians(90.0)).motions.values()
+    (motion,) = flown(team(1), angle=math.radians(90.0)).motions.values()
     on_lane = motion[(motion[:, 1] > 10.0) & (motion[:, 1] < 70.0)]
     assert len({round(float(y), 1) for y in on_lane[:, 2]}) == math.ceil(120.0 / 15.75)
 
 
 def test_figures_are_those_of_the_way() -> None:
-    fleet = crew(2, endurance=600.0)
+    fleet = team(2, endurance=600.0)
     lanes = flown(fleet)
     assert set(lanes.figures) == set(fleet.vehicles)
     for name, figures in lanes.figures.items():

@@ -1,4 +1,4 @@
-"""Goals flown one after another by simulated copters, several crews at once: how near any two of a crew truly came, and
+"""Goals flown one after another by simulated copters, several teams at once: how near any two of a team truly came, and
 what each goal's preview said of the time that it took.
 """
 
@@ -29,16 +29,16 @@ DOWNWASH = 1.5
 AFLOAT = 3.0
 """m of height from which two are looked at: on the ground they stand as their pads do"""
 ASIDE = 200.0
-"""m between two crews"""
+"""m between two teams"""
 Make = Callable[[list[str], float], swarm.Goal]
-"""a goal for these vehicles, whose places are so far east of a crew's own"""
+"""a goal for these vehicles, whose places are so far east of a team's own"""
 
 
 @dataclass
 class Took:
-    """One goal of one crew."""
+    """One goal of one team."""
 
-    crew: int
+    team: int
     what: str
     said: float
     """s that its preview said it takes"""
@@ -56,7 +56,7 @@ class Took:
 class Flown:
     took: list[Took]
     least: dict[tuple[int, str], float]
-    """m, by crew and goal: how near two of it truly came, height counted less by the downwash"""
+    """m, by team and goal: how near two of it truly came, height counted less by the downwash"""
     said: list[wire.Event]
     """what the planner said had happened"""
 
@@ -97,14 +97,14 @@ def readme() -> dict[str, Make]:
 
 async def fly(
     goals: Mapping[str, Make],
-    crews: int,
+    teams: int,
     size: int,
     weather: Mapping[str, Any],
     apart: float = 10.0,
     autopilot: str = "arducopter",
 ) -> Flown:
-    """``crews`` of ``size`` copters each, their pads ``apart`` metres in a row."""
-    starts = [(0.0, crew * ASIDE + apart * i) for crew in range(crews) for i in range(size)]
+    """``teams`` of ``size`` copters each, their pads ``apart`` metres in a row."""
+    starts = [(0.0, team * ASIDE + apart * i) for team in range(teams) for i in range(size)]
     took: list[Took] = []
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(airborne(starts, 0.0, autopilot=autopilot, weather=weather, params={}))
@@ -112,19 +112,19 @@ async def fly(
         agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         await agent.context.solver.until_ready(PATIENCE_S)
-        planner, doing = await find(me), [""] * crews
+        planner, doing = await find(me), [""] * teams
         least: dict[tuple[int, str], float] = {}
         said = dict[float, wire.Event]()
-        watching = asyncio.create_task(_watch(fleet, crews, size, doing, least))
+        watching = asyncio.create_task(_watch(fleet, teams, size, doing, least))
         hearing = asyncio.create_task(_hear(agent, said))
 
-        async def one(crew: int) -> None:
-            names = fleet.names[crew * size : (crew + 1) * size]
+        async def one(team: int) -> None:
+            names = fleet.names[team * size : (team + 1) * size]
             for what, make in goals.items():
-                doing[crew] = what
-                took.append(await _fly_one(me, planner, crew, what, make(names, crew * ASIDE)))
+                doing[team] = what
+                took.append(await _fly_one(me, planner, team, what, make(names, team * ASIDE)))
 
-        await together(*(one(crew) for crew in range(crews)))
+        await together(*(one(team) for team in range(teams)))
         watching.cancel()
         hearing.cancel()
     return Flown(took, least, list(said.values()))
@@ -136,12 +136,12 @@ async def _hear(agent: Agent, said: dict[float, wire.Event]) -> None:
         await asyncio.sleep(0.2)
 
 
-async def _fly_one(z: zmav.Client, planner: Planner, crew: int, what: str, goal: swarm.Goal) -> Took:
+async def _fly_one(z: zmav.Client, planner: Planner, team: int, what: str, goal: swarm.Goal) -> Took:
     preview = await planner.order("preview", swarm.Preview(goal=goal))
     submitted = time.monotonic()
     name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
     entry = await within(LONGEST_S, _ended(z, name))
-    return Took(crew, what, float(preview["seconds"]), time.monotonic() - submitted, entry, preview)
+    return Took(team, what, float(preview["seconds"]), time.monotonic() - submitted, entry, preview)
 
 
 async def _ended(z: zmav.Client, name: str) -> swarm.GoalEntry:
@@ -156,14 +156,14 @@ def _scaled(a: wire.Vector, b: wire.Vector) -> float:
     return math.hypot(math.dist(a[:2], b[:2]), (a[2] - b[2]) / DOWNWASH)
 
 
-async def _watch(fleet: Fleet, crews: int, size: int, doing: list[str], least: dict[tuple[int, str], float]) -> None:
+async def _watch(fleet: Fleet, teams: int, size: int, doing: list[str], least: dict[tuple[int, str], float]) -> None:
     while True:
         places = fleet.places()
-        for crew in range(crews):
-            own = [places[name] for name in fleet.names[crew * size : (crew + 1) * size]]
+        for team in range(teams):
+            own = [places[name] for name in fleet.names[team * size : (team + 1) * size]]
             pairs = [(a, b) for a, b in itertools.combinations(own, 2) if min(-a[2], -b[2]) > AFLOAT]
             near = min((_scaled(a, b) for a, b in pairs), default=math.inf)
-            key = (crew, doing[crew])
+            key = (team, doing[team])
             least[key] = min(least.get(key, math.inf), near)
         await asyncio.sleep(0.05)
 
@@ -173,11 +173,11 @@ PROMISED = 2.0 * body_of("copter").radius
 
 
 def show(flown: Flown) -> str:
-    lines = [f"{'goal':12} {'crew':>4} {'said s':>7} {'took s':>7} {'ratio':>6} {'nearest m':>9}"]
+    lines = [f"{'goal':12} {'team':>4} {'said s':>7} {'took s':>7} {'ratio':>6} {'nearest m':>9}"]
     for each in flown.took:
-        near = flown.least.get((each.crew, each.what), math.inf)
+        near = flown.least.get((each.team, each.what), math.inf)
         lines.append(
-            f"{each.what:12} {each.crew:4} {each.said:7.1f} {each.seconds:7.1f} {each.ratio:6.2f}"
+            f"{each.what:12} {each.team:4} {each.said:7.1f} {each.seconds:7.1f} {each.ratio:6.2f}"
             f" {near:9.2f}  {each.entry.state}: {each.entry.text}; {each.preview.get('positions', {}).get('text', '')}"
         )
     return "\n".join(lines)
@@ -188,7 +188,7 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--crews", type=int, default=2)
+    parser.add_argument("--teams", type=int, default=2)
     parser.add_argument("--noise", default="typical")
     parser.add_argument("--wind", type=float, default=0.0, help="m/s from the west, with light gusts")
     parser.add_argument("--autopilot", default="arducopter")
@@ -199,7 +199,7 @@ def main() -> None:
         if options.wind:
             weather |= {"wind": (0.0, options.wind, 0.0), "gusts": "light"}
         goals = {name: make for name, make in readme().items() if not options.only or name in options.only}
-        flown = asyncio.run(fly(goals, options.crews, 4, weather, autopilot=options.autopilot))
+        flown = asyncio.run(fly(goals, options.teams, 4, weather, autopilot=options.autopilot))
         stops = flown.all_of("halt", "replan")
         print(show(flown), *stops, f"{len(stops)} unplanned stops", sep="\n", flush=True)
 

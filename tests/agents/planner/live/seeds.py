@@ -52,7 +52,7 @@ NAMES = [f"quad{i + 1}" for i in range(SIZE)]
 
 
 class Row(NamedTuple):
-    """One command of one crew."""
+    """One command of one team."""
 
     what: str
     seed: int
@@ -153,7 +153,7 @@ class Keeping(planning.Planner):
         return planned, why
 
 
-class Crew:
+class Team:
     """Four copters whose pads are 10 m apart in a row, as the quickstart has them."""
 
     def __init__(
@@ -217,7 +217,7 @@ class Crew:
             stops.append(history.conductor.halting or f"{phase}: {blocked}")
             there = PlanTo(tuple(planned.motions), ends, True)
             planned = await self.planner.next_to(there, self.view(), self.sort.margins)
-        raise AssertionError(f"crew {self.seed} did not come to its places: {stops}")
+        raise AssertionError(f"team {self.seed} did not come to its places: {stops}")
 
     def _history(self, planned: Planned) -> History:
         """As LeasedVehicles and the executor have it flown, for copters whose clocks are known well."""
@@ -275,7 +275,7 @@ def _near(one: Floats, other: Floats) -> float:
     return separation(tracks[0], tracks[1], DOWNWASH)[0]
 
 
-async def crew_rows(seed: int, sort: Sort = ARDUCOPTER, **how: Any) -> list[Row]:
-    """Every command, one after another, by one crew."""
-    crew, makes = Crew(seed, sort, **how), readme()
-    return [await crew.fly(what, makes[what]) for what in COMMANDS]
+async def team_rows(seed: int, sort: Sort = ARDUCOPTER, **how: Any) -> list[Row]:
+    """Every command, one after another, by one team."""
+    team, makes = Team(seed, sort, **how), readme()
+    return [await team.fly(what, makes[what]) for what in COMMANDS]

@@ -20,7 +20,7 @@ from agents.planner.live.plan import circles, points_of
 from agents.planner.live.scenes import Room
 from agents.planner.live.world import Pieces
 from agents.planner.solve.loiter import STEADY
-from tests.agents.planner.goals.crew import crew, view
+from tests.agents.planner.goals.team import team, view
 from zmav import wire
 from zmav.config import body_of
 from zmav.wire import Vector
@@ -100,7 +100,7 @@ def test_bounds_hold_planes_circles_and_all_of_a_shape() -> None:
     for goal in goals:
         (step,) = resolved(goal, planes)
         assert isinstance(step, Loiter) and np.diff(_heights(step)).min() >= 1.5 * 2.0 * BODY.radius
-    copters = crew(12, (0.0, 0.0, -30.0))
+    copters = team(12, (0.0, 0.0, -30.0))
     for shape, points in (
         ("circle", []),
         ("custom", [(200.0 * (k == 3), 4.0 * k, 30.0 * (k == 5)) for k in range(12)]),

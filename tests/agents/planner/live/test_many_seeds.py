@@ -1,7 +1,7 @@
-"""The demo's swap among two masts, as hundreds of crews with typical receivers truly fly it: with room for what
+"""The demo's swap among two masts, as hundreds of teams with typical receivers truly fly it: with room for what
 positions may be off nobody comes nearer than was promised, and without it somebody does, again and again.
 
-By its own word a crew flies its plan to the centimetre; truly it is off by what the simulator's receivers are.
+By its own word a team flies its plan to the centimetre; truly it is off by what the simulator's receivers are.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DOWNWASH = 1.5
 RADIUS, MARGIN = 0.75, 0.5
 RING = [(25.0, -8.0), (45.0, 2.0), (45.0, 22.0), (25.0, 32.0), (5.0, 22.0), (5.0, 2.0)]
 MASTS = [(12.0, 12.0), (38.0, 12.0)]
-CREWS = 300
+TEAMS = 300
 
 
 def swapped(room: float) -> list[Motion]:
@@ -53,7 +53,7 @@ def swapped(room: float) -> list[Motion]:
 
 
 def off(seed: int, times: Floats) -> Floats:
-    """(T, 3, 6) m ENU that each of a crew is off where it says: by the receiver's wander, smoothed as a filter does it,
+    """(T, 3, 6) m ENU that each of a team is off where it says: by the receiver's wander, smoothed as a filter does it,
     and by the barometer's drift.
     """
     noise = noise_profile("typical")
@@ -70,7 +70,7 @@ def off(seed: int, times: Floats) -> Floats:
 
 
 def nearest(motions: list[Motion], seed: int) -> float:
-    """m between the nearest two of a crew, where they truly are."""
+    """m between the nearest two of a team, where they truly are."""
     times = np.arange(0.0, max(float(motion[-1, 0]) for motion in motions) + 0.1, 0.1)
     errors, tracks = off(seed, times), []
     for i, motion in enumerate(motions):
@@ -90,11 +90,11 @@ def typical() -> float:
 
 def test_nobody_of_hundreds_of_crews_comes_nearer_than_was_promised(typical: float) -> None:
     motions = swapped(typical)
-    least = [nearest(motions, seed) for seed in range(CREWS)]
+    least = [nearest(motions, seed) for seed in range(TEAMS)]
     assert min(least) >= 2.0 * RADIUS, sorted(least)[:5]
 
 
 def test_without_room_for_it_many_do() -> None:
     motions = swapped(0.0)
-    least = [nearest(motions, seed) for seed in range(CREWS)]
-    assert sum(each < 2.0 * RADIUS for each in least) > CREWS // 10, sorted(least)[:5]
+    least = [nearest(motions, seed) for seed in range(TEAMS)]
+    assert sum(each < 2.0 * RADIUS for each in least) > TEAMS // 10, sorted(least)[:5]

@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.asyncio, pytest.mark.timeout(400)]
 
 async def test_the_readme_s_commands_keep_what_they_promise_with_typical_receivers() -> None:
     goals = {name: make for name, make in readme().items() if name in README}
-    flown = await fly(goals, crews=1, size=4, weather={"noise": "typical", "seed": 27})
+    flown = await fly(goals, teams=1, size=4, weather={"noise": "typical", "seed": 27})
     assert all(each.entry.state == "done" for each in flown.took), show(flown)
     assert flown.nearest >= PROMISED, show(flown)
     for each in flown.took:

@@ -36,7 +36,7 @@ def view(name: str, pos_ned: Vector, kind: str = "copter", airborne: bool = True
     return VehicleView(name, kind, wire.swarm.Body(**numbers), pos_ned, airborne=airborne, home_ned=home)
 
 
-def crew(count: int, at: Vector = (-40.0, -40.0, -10.0), apart: float = 5.0, **body: float) -> FleetView:
+def team(count: int, at: Vector = (-40.0, -40.0, -10.0), apart: float = 5.0, **body: float) -> FleetView:
     """Copters in rows of eight, NED."""
     north, east, down = at
     views = [
