@@ -48,7 +48,7 @@ class Identity:
         """its MAV_AUTOPILOT"""
         self.uid: str | None = None
         self.firmware: str | None = None
-        self._said: tuple[str | None, str | None] = (None, None)
+        self._said: tuple[str, str | None] | None = None
         """the uid and the firmware that it said last, whether it was silent since or not"""
         self.heartbeat: Mapping[str, Any] | None = None
         self._custom = 0
@@ -155,8 +155,7 @@ class Identity:
         self.autopilot = autopilot_for(fields["autopilot"], fields["type"])
         self.source, self.mav_type, self._intended = source, fields["type"], None
         self._stack = fields["autopilot"]
-        self.uid = self.firmware = None
-        self._said = (None, None)
+        self.uid = self.firmware = self._said = None
         self._uids.clear()
         self._asked = 0.0
         words = f"{self.autopilot.name} {self.kind} with system id {source[0]}"
@@ -194,21 +193,20 @@ class Identity:
         version = fields["flight_sw_version"]
         self.firmware = f"{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}" if version else None
         uid = _uid(fields)
-        if uid is not None:
-            self._uids[uid] = time.monotonic()
-        if self.uid in (None, uid):
-            self._take(uid)
+        if uid is None:
+            return
+        self._uids[uid] = time.monotonic()
+        if self.uid is None:
+            self._take_uid(uid)
 
-    def _take(self, uid: str | None) -> None:
-        """It says who it is, and its firmware."""
-        known, before, self.uid = self.uid, self._said, uid
-        self._said = uid or before[0], self.firmware or before[1]
-        if before[0] not in (None, self._said[0]):
+    def _take_uid(self, uid: str) -> None:
+        before, self._said = self._said, (uid, self.firmware)
+        self.uid = uid
+        if before is not None and before[0] != uid:
             self._port.bus.tell(VehicleExchanged(f"another autopilot: uid {uid}"))
-        elif before[1] not in (None, self._said[1]):
+        elif before is not None and None not in (before[1], self.firmware) and before[1] != self.firmware:
             self._port.bus.tell(VehicleExchanged(f"another firmware: {self.firmware}"))
-        if uid != known:
-            self._port.bus.tell(VehicleChanged())
+        self._port.bus.tell(VehicleChanged())
 
     def tick(self) -> None:
         """A few times a second: presence, the question who it is, and whether two answer."""
@@ -230,7 +228,7 @@ class Identity:
         if len(self._uids) > 1 and self.source:
             clash = f"{len(self._uids)} autopilots with system id {self.source[0]} on this link"
         if self.uid not in self._uids and self._uids:
-            self._take(next(iter(self._uids)))
+            self._take_uid(next(iter(self._uids)))
         if clash != self.clash:
             self.clash = clash
             self._port.bus.tell(VehicleChanged())

@@ -26,7 +26,6 @@ from zmav.services.authority.bounds import Bounds
 from zmav.services.companion import Companion
 from zmav.services.files.ftp import Ftp
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import VehicleExchanged
 from zmav.services.missions.by_file import FileTransfer
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
 from zmav.services.missions.replace import NotReplaced, Phase, Replacer
@@ -41,13 +40,15 @@ QUERY_WAIT = 1.5
 """s that a reader waits for a plan that is not in the cache; then it is told how far the reading is"""
 NO_MISSION = 1
 """MISSION_STATE_NO_MISSION"""
+Owner = tuple[tuple[int, int] | None, str | None]
 
 
 @dataclass
 class Held:
-    """A plan as the autopilot has it, home included; ``sure``: nothing says that somebody changed it."""
+    """A plan as the autopilot of ``owner`` has it, home included; ``sure``: nothing says that somebody changed it."""
 
     plan: Download
+    owner: Owner
     sure: bool = True
     encoded: tuple[object, bytes] | None = None
     """as it was told last, and of which progress"""
@@ -92,11 +93,11 @@ class Missions:
         self._lock = asyncio.Lock()
         self._doing = ""
         self._readings: dict[MissionKind, Reading] = {}
-        self._owed: dict[MissionKind, tuple[Download, list[Raw]]] = {}
-        """plans to be put back where an upload ended without a word of the autopilot: the old, the new"""
+        self._owed: dict[MissionKind, tuple[Owner, Download, list[Raw]]] = {}
+        """plans to be put back where an upload ended without a word of the autopilot: whose, the old, the new"""
         self._mended = 0.0
-        self._no_file: set[MissionKind] = set()
-        """plans of which there is no file"""
+        self._no_file: set[tuple[Owner, MissionKind]] = set()
+        """autopilots and plans of which there is no file"""
         self._tasks: set[asyncio.Task[Any]] = set()
         handlers = {
             "MISSION_CURRENT": self._on_current,
@@ -111,14 +112,7 @@ class Missions:
         loop = asyncio.get_running_loop()
         key = keys.MISSION.key(self._port.fleet, self._port.name, kind="*")
         self._questions.declare(key, lambda query: self._answer(query, loop))
-        self._port.bus.on(VehicleExchanged, lambda told: self._forget())
         self._heard.start()
-
-    def _forget(self) -> None:
-        """It is another autopilot, with other plans."""
-        for known in (self._held, self._owed, self._no_file):
-            known.clear()
-        self.progress = Progress()
 
     async def close(self) -> None:
         self._heard.close()
@@ -152,7 +146,7 @@ class Missions:
 
     async def plan(self, kind: MissionKind, report: Report) -> list[Raw]:
         """The plan that is on the autopilot (home included), from the cache where nothing speaks against it."""
-        held = self._held.get(kind)
+        held = self._cached(kind)
         return (held if held and held.sure else await self._read(kind, report)).plan.items
 
     async def rally(self) -> list[Target]:
@@ -174,19 +168,19 @@ class Missions:
             old = self._before(kind, await self._known(kind, transfer, phase))
             replacer = self._replacer(kind, transfer, phase)
             start = self.items().offset(kind)
-            self._owed[kind] = old, [*old.items[:start], *new]
+            self._owed[kind] = owed = self._owner(), old, [*old.items[:start], *new]
             try:
                 done = await replacer.replace(old, new)
             except NotReplaced as e:
                 self._hold(kind, e.now)
                 if e.now is not None:
-                    self._owed.pop(kind, None)
+                    del self._owed[kind]
                 self._events.emit("mission", "warning", e.error.message, **e.error.detail)
                 raise e.error from e.__cause__
             except asyncio.CancelledError:
                 self._hold(kind, None)
                 raise
-            self._owed.pop(kind, None)
+            assert self._owed.pop(kind) is owed
             self._hold(kind, done.now)
             if kind == "mission":
                 self.progress.reached, self.progress.state = None, 0  # what was said of the old one
@@ -198,13 +192,13 @@ class Missions:
     def _before(self, kind: MissionKind, there: Download) -> Download:
         """The plan to go back to: what is there, unless that is what a broken upload left behind."""
         owed = self._owed.get(kind)
-        if owed is None or same(self.items(), kind, there.items, owed[1]):
+        if owed is None or not _same_owner(owed[0], self._owner()) or same(self.items(), kind, there.items, owed[2]):
             return there
-        return owed[0]
+        return owed[1]
 
     async def _known(self, kind: MissionKind, transfer: Transfer, phase: Phase) -> Download:
         """The plan that is there now; read again unless its opaque id shows that the cache is right."""
-        held = self._held.get(kind)
+        held = self._cached(kind)
         said = self.progress.ids[KINDS[kind]]
         if held is not None and held.sure and held.plan.id is not None and held.plan.id == said:
             return held.plan
@@ -247,10 +241,10 @@ class Missions:
             yield
 
     def _transfer(self, kind: MissionKind) -> Transfer:
-        rules = self._do.autopilot().missions
+        rules, plan = self._do.autopilot().missions, (self._owner(), kind)
         given = self._port, self._do.source(), kind, self.pace, rules.window
-        if kind in rules.files and kind not in self._no_file:
-            disarmed, shut = lambda: self._identity.armed is False, lambda: self._no_file.add(kind)
+        if kind in rules.files and plan not in self._no_file:
+            disarmed, shut = lambda: self._identity.armed is False, lambda: self._no_file.add(plan)
             return FileTransfer(*given, self._ftp, disarmed, shut)
         return Transfer(*given)
 
@@ -260,12 +254,22 @@ class Missions:
 
     # The cache.
 
+    def _owner(self) -> Owner:
+        return self._identity.source, self._identity.uid
+
     def _hold(self, kind: MissionKind, plan: Download | None) -> Held | None:
         if plan is None:
             self._held.pop(kind, None)
             return None
-        self._held[kind] = held = Held(plan)
+        self._held[kind] = held = Held(plan, self._owner())
         return held
+
+    def _cached(self, kind: MissionKind) -> Held | None:
+        """What is held, unless it is another autopilot's."""
+        if any(not _same_owner(held.owner, self._owner()) for held in self._held.values()):
+            self._held.clear()
+            self.progress = Progress()
+        return self._held.get(kind)
 
     def _ours(self, kind: MissionKind, held: Held) -> list[Raw]:
         return held.plan.items[self.items().offset(kind) :]
@@ -286,14 +290,14 @@ class Missions:
     def _on_current(self, fields: Fields, frame: Frame) -> None:
         ids = opaque_ids(frame, "MISSION_CURRENT")
         self.progress.current, self.progress.state, self.progress.ids = fields["seq"], fields["mission_state"], ids
-        held = self._held.get("mission")
+        held = self._cached("mission")
         if held is not None:
             none = fields["total"] == 0xFFFF or fields["mission_state"] == NO_MISSION
             total = 0 if none else fields["total"] or None
             if total is not None and total != len(self._ours("mission", held)):
                 self._doubt("mission")
         for kind, number in KINDS.items():
-            held, said = self._held.get(kind), ids[number]
+            held, said = self._cached(kind), ids[number]
             if held is not None and None not in (said, held.plan.id) and said != held.plan.id:
                 self._doubt(kind)
 
@@ -304,7 +308,7 @@ class Missions:
         """A ground station's transaction on this link: what it wrote is news to us."""
         kind = next((kind for kind, number in KINDS.items() if number == fields["mission_type"]), None)
         theirs = (fields["target_system"], fields["target_component"]) not in (self._port.address, (0, 0))
-        held = self._held.get(kind) if kind else None
+        held = self._cached(kind) if kind else None
         if kind is None or held is None or not theirs:
             return
         if fields.get("type") == 0 or ("count" in fields and fields["count"] != len(held.plan.items)):
@@ -326,15 +330,18 @@ class Missions:
             self._in_background(self._mend())
 
     async def _mend(self) -> None:
-        """Put the old plans back, unless the vehicle flies what is there, or somebody was faster."""
-        for kind, (old, new) in list(self._owed.items()):
-            if not (self._identity.armed and self._identity.mode == self._do.autopilot().missions.mode):
+        """Put the old plans back, unless the vehicle flies what is there, is another one, or somebody was faster."""
+        for kind, (owner, old, new) in list(self._owed.items()):
+            flying = self._identity.armed and self._identity.mode == self._do.autopilot().missions.mode
+            if not _same_owner(owner, self._owner()):
+                del self._owed[kind]
+            elif not flying:
                 async with self._turn(f"restoring the {WORDS[kind]}", lambda news: None):
                     if kind not in self._owed:
                         return  # somebody has put another there meanwhile
                     replacer = self._replacer(kind, self._transfer(kind), functools.partial(_steps, kind, []))
                     now, which = await replacer.restore(old, new)
-                    self._owed.pop(kind, None)
+                    del self._owed[kind]
                     self._hold(kind, now)
                 what = {"new": "the new one is in force after all", "old": "the old one is in force"}
                 text = f"{WORDS[kind]}: {what.get(which, 'the old one was restored')}"
@@ -366,7 +373,7 @@ class Missions:
 
     async def _tell(self, kind: MissionKind, read: bool) -> bytes:
         """The plan, encoded once as long as nothing of it changes; nothing where it is not held nor to be ``read``."""
-        held = self._held.get(kind)
+        held = self._cached(kind)
         if held is None and not read:
             return b""
         progress: dict[str, Any] = {}
@@ -395,3 +402,7 @@ def _steps(kind: MissionKind, reports: list[Report], phase: str) -> Step:
 
 def _index(seq: int | None, start: int) -> int | None:
     return None if seq is None or seq < start else seq - start
+
+
+def _same_owner(one: Owner, other: Owner) -> bool:
+    return one[0] == other[0] and (None in (one[1], other[1]) or one[1] == other[1])

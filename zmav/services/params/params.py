@@ -27,7 +27,6 @@ from zmav.mavlink import Frame, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import VehicleExchanged
 from zmav.services.link.timesync import AutopilotRestarted
 from zmav.services.orders.orders import Report
 from zmav.services.params.fill import ParamFill
@@ -148,6 +147,8 @@ class Params:
         self.talk = ParamTalk(companion, self.known)
         self._queries = ParamQueries(companion, self.known, self.talk, self.table, self.find)
         self._loader = ParamLoader(self.talk)
+        self._who: tuple[Any, ...] | None = None
+        self._told: dict[str, str | None] = {"uid": None, "firmware": None}
         self._connected_at: float | None = None
         self._reading: asyncio.Task[None] | None = None
         self._due = 0.0
@@ -160,7 +161,6 @@ class Params:
         self.talk.start()
         self._queries.start()
         self._port.bus.on(AutopilotRestarted, lambda told: self.known.doubt())
-        self._port.bus.on(VehicleExchanged, lambda told: self._drop())
         self._version.start()
 
     def close(self) -> None:
@@ -234,7 +234,8 @@ class Params:
     # The background.
 
     def tick(self) -> None:
-        """Begin to read where the autopilot's set is not known."""
+        """See who the autopilot is, and begin to read where its set is not known."""
+        self._look()
         now = time.monotonic()
         if not self._identity.connected or self._port.link.recorded:  # a recording answers nobody
             self._connected_at = None
@@ -248,8 +249,25 @@ class Params:
         if not self.known.complete and idle and known_who and now >= self._due and self._identity.clash is None:
             self._read()
 
+    def _look(self) -> None:
+        """Drop what was known of an autopilot that is no longer there."""
+        identity = self._identity
+        if identity.source is None or identity.autopilot is None:
+            return
+        who = (identity.source, identity.autopilot.name, identity.mav_type)
+        exchanged = self._who is not None and who != self._who
+        for field, said in (("uid", identity.uid), ("firmware", identity.firmware)):
+            exchanged |= None not in (said, self._told[field]) and said != self._told[field]
+            self._told[field] = said or self._told[field]
+        if self._who is None or exchanged:
+            bytewise = identity.autopilot.params_bytewise
+            self.talk.encoding = ParamEncoding.BYTEWISE if bytewise else ParamEncoding.C_CAST
+        self._who = who
+        if exchanged:
+            self._told = {"uid": identity.uid, "firmware": identity.firmware}
+            self._drop()
+
     def _drop(self) -> None:
-        """What was known is of an autopilot that is no longer there."""
         self.known.clear()
         self.talk.forget()
         self._due = time.monotonic()
@@ -258,12 +276,13 @@ class Params:
 
     def _on_version(self, fields: Fields, frame: Frame) -> None:
         """The autopilot says itself how integers travel."""
+        self._look()
         flags, said = self._port.dialect.enums["MAV_PROTOCOL_CAPABILITY"], fields["capabilities"]
         prefix = "MAV_PROTOCOL_CAPABILITY_PARAM_"
         if said & flags.get(prefix + "ENCODE_BYTEWISE", 16):
-            self.talk.told = ParamEncoding.BYTEWISE
+            self.talk.encoding = ParamEncoding.BYTEWISE
         elif said & (flags.get(prefix + "ENCODE_C_CAST", 1 << 17) | flags.get(prefix + "FLOAT", 2)):
-            self.talk.told = ParamEncoding.C_CAST
+            self.talk.encoding = ParamEncoding.C_CAST
 
     def _read(self) -> asyncio.Task[None]:
         """The reading under way, or a new one: never two at once."""

@@ -73,8 +73,7 @@ class ParamTalk:
         self._inboxes: set[Inbox] = set()
         self._answers = AutopilotMessages(companion, {"PARAM_VALUE": self._on_value, "PARAM_ERROR": self._on_error})
         self._setting: dict[str, asyncio.Lock] = {}
-        self.told: ParamEncoding | None = None
-        """how integers travel, as the autopilot says itself"""
+        self.encoding = ParamEncoding.C_CAST
         self.pace = RoundTrip()
         self._heard = 0.0
         """monotonic seconds of the last PARAM_VALUE"""
@@ -87,15 +86,8 @@ class ParamTalk:
 
     def forget(self) -> None:
         """Another autopilot, or another link: what was learnt of its speed says nothing."""
-        self.pace, self.told = RoundTrip(), None
+        self.pace = RoundTrip()
         self._setting.clear()
-
-    @property
-    def encoding(self) -> ParamEncoding:
-        """How integers travel."""
-        autopilot = self._identity.autopilot
-        usual = ParamEncoding.BYTEWISE if autopilot and autopilot.params_bytewise else ParamEncoding.C_CAST
-        return self.told or usual
 
     @contextmanager
     def hearing(self) -> Iterator[Inbox]:
