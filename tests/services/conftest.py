@@ -49,7 +49,7 @@ class Peer(asyncio.DatagramProtocol):
         self.dialect: Dialect = load_dialect()
         self.mav_type, self.autopilot, self.uid = mav_type, autopilot, uid
         self.mode, self.armed = STABILIZE, False
-        self.capabilities, self.firmware = 0, 0x04070000
+        self.capabilities = 0
         self.told: list[Told] = []
         self.sent: list[bytes] = []
         self.results: dict[int, list[int]] = {}
@@ -143,12 +143,8 @@ class Peer(asyncio.DatagramProtocol):
             self.obey(number, told.fields)
         self.acknowledge(number, result, told.source)
         if (number, told.fields["param1"]) == (REQUEST_MESSAGE, VERSION):
-            self.send(
-                "AUTOPILOT_VERSION",
-                uid=self.uid,
-                flight_sw_version=self.firmware,
-                capabilities=self.capabilities,
-            )
+            can = self.capabilities
+            self.send("AUTOPILOT_VERSION", uid=self.uid, flight_sw_version=0x04070000, capabilities=can)
 
     def obey(self, number: int, fields: dict[str, Any]) -> None:
         if number == SET_MODE:

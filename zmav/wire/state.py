@@ -106,9 +106,8 @@ class LeaseEnd(Told, kw_only=True):
     holder: str
     reason: LeaseEnding
     """expired: nobody renewed it; gone: its holder's liveliness token went; pilot: the pilot, another station or the
-    autopilot itself changed the mode or disarmed, or it is another autopilot; failsafe: the stream was silent for
-    land_after; clock: the vehicle's time was set, so that a segment would not be flown when its holder means it, or its
-    autopilot has restarted"""
+    autopilot itself changed the mode or disarmed; failsafe: the stream was silent for land_after; clock: the vehicle's
+    time was set, so that a segment would not be flown when its holder means it"""
     text: str
     by: str | None = None
     """who took it, where somebody did"""

@@ -13,7 +13,6 @@ import zmav
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
-from zmav.mavlink import Packer, load_dialect
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -138,43 +137,6 @@ async def test_wrong_requests(bench: StartBench, subtests: pytest.Subtests) -> N
                 await b.ground.do("lease", **args)
             assert e.value.detail["field"] == field
             assert b.vehicle.leases.holder is None
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"packer": Packer(load_dialect(), 9, 1)}, "another autopilot: ardupilot copter with system id 9"),
-        ({"autopilot": 12}, "another autopilot: px4 copter with system id 1"),
-        ({"uid": 99}, "another autopilot: uid 0000000000000063"),
-        ({"firmware": 0x04080000}, "another firmware: 4.8.0"),
-    ],
-    ids=["system id", "stack", "uid", "firmware"],
-)
-async def test_it_does_not_pass_to_another_autopilot(bench: StartBench, change: dict[str, object], words: str) -> None:
-    """Whoever held the one that was there asks again: it may stand elsewhere, and fly otherwise."""
-    b = await (await bench()).connected()
-    token = await take(b)
-    b.peer.beating = False
-    await b.state(lambda s: not s["connected"], "disconnection")
-    for name, value in change.items():
-        setattr(b.peer, name, value)
-    b.peer.beating = True
-    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
-    assert words in end["text"]
-    with pytest.raises(NotHolder, match=words):
-        await b.ground.do("set_mode", mode="GUIDED", lease=token)
-    await b.connected()
-    assert await take(b)
-
-
-async def test_it_outlasts_a_silence_of_the_same_autopilot(bench: StartBench) -> None:
-    b = await (await bench()).connected()
-    token = await take(b)
-    b.peer.beating = False
-    await b.state(lambda s: not s["connected"], "disconnection")
-    b.peer.beating = True
-    await b.connected()
-    assert (await b.ground.do("set_mode", mode="GUIDED", lease=token)).status == "done"
 
 
 async def test_only_a_higher_priority_takes_it(bench: StartBench) -> None:

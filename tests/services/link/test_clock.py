@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from tests.services.rates.rate_peer import StreamPeer
 from zmav import wire
-from zmav.errors import NotHolder
 from zmav.mavlink import Frame, Packer, encode, load_dialect, parse_frame
 from zmav.services.link import timesync
 from zmav.services.link.clock import SETTLED, WRAP_MS, AutopilotClock
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench
 
 UTC_AHEAD = 1.7e9
-REBOOT = 246
 
 
 class Twin:
@@ -278,22 +276,6 @@ async def test_a_restart_is_said_and_everything_is_asked_for_again(bench: StartB
     assert said["severity"] == "warning"
     await one.until(lambda: one.rates.get("ATTITUDE") == 10.0, "asking again")
     await b.state(lambda s: s["clock"] and s["clock"]["boot_t"] > time.time() - 60.0, "the new boot")
-
-
-async def test_who_held_an_autopilot_that_restarts_asks_again(bench: StartBench, one: StreamPeer) -> None:
-    """The order to restart it, which was given under that lease, is done all the same."""
-    b = await streaming(bench, one)
-    await b.state(lambda s: s["clock"], "clock")
-    token = (await b.ground.do("lease", holder="alice", ttl=30.0)).result["lease"]
-    await b.ground.do("set_mode", mode="GUIDED", lease=token)
-    restart = asyncio.create_task(b.ground.do("reboot", lease=token))
-    await one.until(lambda: bool(one.commands(REBOOT)), "the order")
-    one.reboot()
-    assert (await restart).status == "done"
-    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
-    assert (end["reason"], "the autopilot has restarted" in end["text"]) == ("clock", True)
-    with pytest.raises(NotHolder, match="the autopilot has restarted"):
-        await b.ground.do("arm", lease=token)
 
 
 async def test_a_restart_before_the_first_answer_is_seen(bench: StartBench, one: StreamPeer) -> None:

@@ -26,8 +26,6 @@ from zmav.services.authority.steps import Aside, ModeRequested, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.watchdog import LATE_MODE, StreamWatchdog
 from zmav.services.companion import Companion
-from zmav.services.link.identity import VehicleExchanged
-from zmav.services.link.timesync import AutopilotRestarted
 from zmav.services.orders.command import Commander
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
@@ -122,8 +120,6 @@ class Authority:
         bus.on(wire.LeaseEnd, self._on_lease_end)
         bus.on(TakenByPilot, self._on_pilot)
         bus.on(TakenByStation, lambda told: self.taken(told.text))
-        bus.on(VehicleExchanged, lambda told: self.taken(told.text))
-        bus.on(AutopilotRestarted, lambda told: self.leases.end("clock", f"{told.text}: the lease has ended"))
         bus.on(ModeRequested, self._on_mode_requested)
         bus.on(StreamGivenUp, on_loop(asyncio.get_running_loop(), self._end_given_up))
         self.leases.start()
@@ -219,8 +215,7 @@ class Authority:
             self.watchdog.hold(flown, f"{verb.name} came to nothing")
 
     def taken(self, text: str) -> ActiveStream | None:
-        """The pilot wins, as does the autopilot itself, or it is another one: everything of ours lets go, and nothing
-        takes it back.
+        """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back.
 
         Returns the stream that it ended.
         """

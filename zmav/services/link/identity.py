@@ -26,12 +26,6 @@ class VehicleChanged(NamedTuple):
     """Who the vehicle is, its mode or the one intended, its arming, or whether two claim to be it. On the loop."""
 
 
-class VehicleExchanged(NamedTuple):
-    """Another autopilot than before is behind the link, or it has another firmware; which, in words. On the loop."""
-
-    text: str
-
-
 class Identity:
     """The autopilot behind the link: its address, rules, uid, and whether it is heard. Lives on the event loop."""
 
@@ -48,8 +42,6 @@ class Identity:
         """its MAV_AUTOPILOT"""
         self.uid: str | None = None
         self.firmware: str | None = None
-        self._said: tuple[str, str | None] | None = None
-        """the uid and the firmware that it said last, whether it was silent since or not"""
         self.heartbeat: Mapping[str, Any] | None = None
         self._custom = 0
         """the custom mode by HEARTBEAT or what tells it sooner, whichever came last"""
@@ -151,17 +143,15 @@ class Identity:
         return bool(self.mav_type == fields["type"] and self.autopilot and self.autopilot.name == wanted.name)
 
     def _adopt(self, source: tuple[int, int], fields: Mapping[str, Any]) -> None:
-        first = self.autopilot is None
         self.autopilot = autopilot_for(fields["autopilot"], fields["type"])
         self.source, self.mav_type, self._intended = source, fields["type"], None
         self._stack = fields["autopilot"]
-        self.uid = self.firmware = self._said = None
+        self.uid = self.firmware = None
         self._uids.clear()
         self._asked = 0.0
-        words = f"{self.autopilot.name} {self.kind} with system id {source[0]}"
-        self._events.emit("autopilot", "notice", words, sysid=source[0])
-        if not first:
-            self._port.bus.tell(VehicleExchanged(f"another autopilot: {words}"))
+        self._events.emit(
+            "autopilot", "notice", f"{self.autopilot.name} {self.kind} with system id {source[0]}", sysid=source[0]
+        )
         self._port.bus.tell(VehicleChanged())
 
     def _say_other(self, source: tuple[int, int]) -> None:
@@ -197,16 +187,8 @@ class Identity:
             return
         self._uids[uid] = time.monotonic()
         if self.uid is None:
-            self._take_uid(uid)
-
-    def _take_uid(self, uid: str) -> None:
-        before, self._said = self._said, (uid, self.firmware)
-        self.uid = uid
-        if before is not None and before[0] != uid:
-            self._port.bus.tell(VehicleExchanged(f"another autopilot: uid {uid}"))
-        elif before is not None and None not in (before[1], self.firmware) and before[1] != self.firmware:
-            self._port.bus.tell(VehicleExchanged(f"another firmware: {self.firmware}"))
-        self._port.bus.tell(VehicleChanged())
+            self.uid = uid
+            self._port.bus.tell(VehicleChanged())
 
     def tick(self) -> None:
         """A few times a second: presence, the question who it is, and whether two answer."""
@@ -228,7 +210,8 @@ class Identity:
         if len(self._uids) > 1 and self.source:
             clash = f"{len(self._uids)} autopilots with system id {self.source[0]} on this link"
         if self.uid not in self._uids and self._uids:
-            self._take_uid(next(iter(self._uids)))
+            self.uid = next(iter(self._uids))
+            self._port.bus.tell(VehicleChanged())
         if clash != self.clash:
             self.clash = clash
             self._port.bus.tell(VehicleChanged())

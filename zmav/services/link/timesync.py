@@ -37,8 +37,6 @@ UTC was seen 0.4 s off the time it had from its GPS"""
 class AutopilotRestarted(NamedTuple):
     """It has begun again, or may have: all that it sent on request is to be asked for again. Told on the event loop."""
 
-    text: str
-
 
 class TimeSync:
     """Asks, measures round trips, feeds the clock. Lives on the event loop."""
@@ -134,7 +132,7 @@ class TimeSync:
             else:
                 text = f"the autopilot was silent, and its time went on by {now - before:.1f} s only, to {now:.1f} s"
                 self._events.emit("autopilot", "notice", text, limit="restart")
-            self._port.bus.tell(AutopilotRestarted(text))
+            self._port.bus.tell(AutopilotRestarted())
 
     def _on_system_time(self, fields: Fields, frame: Frame) -> None:
         if fields["time_unix_usec"] < UNIX_TIME:
