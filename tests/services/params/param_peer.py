@@ -149,7 +149,12 @@ class Scene(NamedTuple):
         await self.b.states.until(true, what)
 
     async def read(self) -> Scene:
-        await self.until(lambda: bool(self.known.complete), "complete set")
+        """Wait until the set is complete, for as long as more of it comes: over a bad link that takes 15 to 30 s."""
+        while not self.known.complete:
+            left = len(self.known.missing)
+            await self.until(
+                lambda left=left: self.known.complete or len(self.known.missing) != left, "more of the set"
+            )
         return self
 
     async def table(self, **query: Any) -> wire.ParamTable:
