@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import json
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -150,11 +151,12 @@ class Scene(NamedTuple):
 
     async def read(self) -> Scene:
         """Wait until the set is complete, for as long as more of it comes: over a bad link that takes 15 to 30 s."""
+
+        def more(left: int) -> bool:
+            return bool(self.known.complete or len(self.known.missing) != left)
+
         while not self.known.complete:
-            left = len(self.known.missing)
-            await self.until(
-                lambda left=left: self.known.complete or len(self.known.missing) != left, "more of the set"
-            )
+            await self.until(functools.partial(more, len(self.known.missing)), "more of the set")
         return self
 
     async def table(self, **query: Any) -> wire.ParamTable:
