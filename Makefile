@@ -12,7 +12,7 @@ BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
 CORES := $(shell getconf _NPROCESSORS_ONLN)
 WARM := $(BIN)/python -c 'from agents.planner.solve.warm import warm; warm()'
 TYPES := $(BIN)/mypy --strict $(PACKAGES)
-PYTEST_JOBS ?= $(shell expr $(CORES) + 4)
+PYTEST_JOBS ?= $(shell expr $(CORES) + 6)
 ARGS ?=
 TSC := $(shell command -v tsc || ls node_modules/.bin/tsc 2>/dev/null)
 

@@ -18,7 +18,6 @@ AREA = ((0.36, 0.12), (0.72, 0.12), (0.68, 0.38), (0.32, 0.38))
 CORNERS = "drawing.shapes.all.find((each) => each.kind === '{}').points.map((each) => [each.lat, each.lon])"
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 async def test_what_is_drawn_is_searched_and_what_is_closed_is_not_entered() -> None:
