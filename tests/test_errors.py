@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import sys
 from typing import Any
 
 import pytest
 
 from zmav import errors, wire
-from zmav.errors import ZmavError, from_code
+from zmav.errors import BadConfig, ZmavError, from_code, needs
 
 
 def tree(cls: type[ZmavError] = ZmavError) -> list[type[ZmavError]]:
@@ -85,3 +86,16 @@ def test_a_module_s_own_kind_of_an_error_crosses_as_what_it_is_a_kind_of() -> No
         pass
 
     assert type(errors.from_code(Unheard.code, "nothing came")) is errors.TimedOut
+
+
+def test_an_extra_that_is_missing_is_named_with_how_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    needs("a map", "ground", "json", "re")
+    for missing in ("zmav_has_no_such_module", "zmav.no_such.module"):
+        with pytest.raises(BadConfig) as caught:
+            needs("a map", "ground", "json", missing, "re")
+        assert str(caught.value).startswith("a map needs zmav")
+        assert str(caught.value).endswith(": pip install 'zmav[ground]'")
+        assert caught.value.detail["expected"] == "zmav[ground]"
+    monkeypatch.setitem(sys.modules, "json", None)
+    with pytest.raises(BadConfig, match=r"a map needs json: pip install 'zmav\[vision\]', or in a clone 'make vision'"):
+        needs("a map", "vision", "json")

@@ -15,6 +15,7 @@ import zmav
 from zmav import keys, wire
 from zmav.errors import BadInput, BadKey, NoSuchVehicle, Refused, TimedOut
 from zmav.mavlink import encode, load_dialect
+from zmav.subscription import document
 
 if TYPE_CHECKING:
     from tests.conftest import Net
@@ -191,3 +192,14 @@ async def test_a_slow_reader_loses_the_oldest_and_is_told_how_many(net: Net) -> 
             await asyncio.sleep(0.01)
         assert [(await samples.get()).payload.to_bytes() for _ in range(3)] == [b"\x07", b"\x08", b"\x09"]
         assert samples.dropped == 7
+
+
+async def test_documents_come_with_their_keys_and_what_is_none_is_counted(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, z.subscribe("zmav/test/*", document(wire.Signals)) as signals:
+        await net.linked(session, "zmav/test/x")
+        for payload in (b"none", b"[]", wire.encode(wire.Signals(t=7.0, values={"is.roll": 0.5}))):
+            session.put("zmav/test/x", payload)
+        heard, signals_of_x = await asyncio.wait_for(signals.get(), PATIENCE_S)
+        assert (heard, signals_of_x.t, signals_of_x.values) == ("zmav/test/x", 7.0, {"is.roll": 0.5})
+        assert signals.bad == 2

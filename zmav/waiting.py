@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -58,21 +58,22 @@ async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:
 
 @contextlib.asynccontextmanager
 async def alongside(*coroutines: Coroutine[Any, Any, Any]) -> AsyncIterator[list[asyncio.Task[Any]]]:
-    """Run them beside the block. At its end they are cancelled, and have ended before it is left. How one of them
-    ended, only who looks at its task learns.
+    """Run them beside the block. At its end they are cancelled, and have ended before it is left.
+
+    How one ended by itself, who looks at its task learns; what it raised and nobody looked at, asyncio logs.
     """
     tasks = [asyncio.ensure_future(each) for each in coroutines]
     try:
         yield tasks
     finally:
-        await cancelled(*tasks)
+        await cancelled(*(task for task in tasks if not task.done()))
 
 
-async def until_any(*works: Awaitable[Any]) -> None:
+async def until_any(*coroutines: Coroutine[Any, Any, Any]) -> None:
     """Run them side by side until the first has ended, and raise what it raised. The others are cancelled, and have
     ended by then.
     """
-    tasks = [asyncio.ensure_future(each) for each in works]
+    tasks = [asyncio.ensure_future(each) for each in coroutines]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:

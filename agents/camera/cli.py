@@ -27,7 +27,7 @@ from zmav.config.mesh import bits_per_second
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
 from zmav.process import say
 from zmav.vision.reader import Picture, Reader, camera_info
-from zmav.waiting import together, within
+from zmav.waiting import alongside, together, within
 
 name_option = click.option(
     "--name", "camera", default="down", show_default=True, help="The camera's name on its vehicle."
@@ -168,13 +168,13 @@ def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | No
 
 
 async def _run(z: zmav.Client, own: CameraSettings, source: Source, lens: Calibration | float, folder: Path) -> None:
-    async with CameraAgent(z, own, source, lens, say) as agent, Photos(z, agent, folder) as photos:
-        telling = asyncio.ensure_future(photos.run())
+    async with (
+        CameraAgent(z, own, source, lens, say) as agent,
+        Photos(z, agent, folder) as photos,
+        alongside(photos.run()),
+    ):
         say(f"{z.fleet_name}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
-        try:
-            await agent.serve()
-        finally:
-            telling.cancel()
+        await agent.serve()
     say(f"{agent.sent} pictures sent")
 
 

@@ -135,7 +135,10 @@ class Sender(ABC):
 
     async def serve(self) -> None:
         """Return at the source's end, or when we are told to stop; raises what ended the sending otherwise."""
-        await until_any(until_stopped(), self._tasks[0])
+        await until_any(until_stopped(), self._sent())
+
+    async def _sent(self) -> None:
+        await asyncio.shield(self._tasks[0])  # whose end is :meth:`__aexit__`'s affair
 
     # What others say.
 

@@ -18,7 +18,7 @@ import numpy as np
 from agents.controllers.inject import CHANNELS, Inject, duration
 from agents.controllers.types import Array
 from zmav import wire
-from zmav.errors import BadInput, missing_extra
+from zmav.errors import BadInput, needs
 from zmav.figures import save
 from zmav.rotation import wrap
 
@@ -292,10 +292,9 @@ def picture(report: ResponseReport, path: Path) -> None:
     """Draw it (PNG, or what the file's name says). Raises :class:`~zmav.errors.BadConfig` where matplotlib is not
     installed, and :class:`~zmav.errors.BadInput` for a file that cannot be.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as e:
-        raise missing_extra("a picture", e.name, "planner") from e
+    needs("a picture", "planner", "matplotlib.figure")
+    from matplotlib.figure import Figure
+
     groups: dict[str, list[str]] = {}  # outputs that share a panel: the parts of one vector
     for name in report.outputs:
         groups.setdefault(name.rpartition(".")[0] or name, []).append(name)

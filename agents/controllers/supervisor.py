@@ -28,7 +28,7 @@ from zmav.errors import BadConfig, BadInput, Refused, ZmavError
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
 from zmav.verbs import Access, Verb
-from zmav.waiting import on_loop, together, within
+from zmav.waiting import alongside, on_loop, together, within
 
 LOOK = 0.02
 """s between two looks at whether the autopilot's state still comes"""
@@ -263,9 +263,8 @@ class Supervisor(zmav.Agent):
         self._over, self.why = asyncio.Event(), ""
         taken, begun = asyncio.Event(), time.monotonic()
         self._engaged = flight = asyncio.create_task(self._fly(taken))
-        waiting = asyncio.create_task(taken.wait())
-        await asyncio.wait({waiting, flight}, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
+        async with alongside(taken.wait()) as (waiting,):
+            await asyncio.wait({waiting, flight}, return_when=asyncio.FIRST_COMPLETED)
         if not taken.is_set():
             await flight
             raise Refused(f"it did not take over: {self.why}", reason=self.why)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zmav.errors import missing_extra
+from zmav.errors import needs
 from zmav.figures import save
 
 if TYPE_CHECKING:
@@ -96,11 +96,10 @@ def look_down(above: Any, rows: Sequence[Row]) -> None:
 
 def axes_of(title: str) -> tuple[Figure, Any, Any, Any]:
     """From above; and over time the heights and the ways over the ground."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as e:
-        raise missing_extra("the picture", "matplotlib", "planner") from e
+    needs("the picture", "planner", "matplotlib.figure")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(11.0, 5.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplot_mosaic([["above", "heights"], ["above", "ways"]], width_ratios=(1.0, 1.15))

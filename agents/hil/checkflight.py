@@ -14,7 +14,7 @@ from zmav.autopilots import Command
 from zmav.doctor.ways import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
 from zmav.vehicle.params import values
-from zmav.waiting import alongside
+from zmav.waiting import until_any
 
 FOUND_S = 60.0
 SILENT_S = 3.0
@@ -56,10 +56,7 @@ class CheckFlight(Flight):
         if self.hurry is not None:
             self.hurry(PACE)
         try:
-            async with alongside(self._fly(), self._heard(), self.children.watch(), *guards) as tasks:
-                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-                for task in done:
-                    task.result()
+            await until_any(self._fly(), self._heard(), self.children.watch(), *guards)
         except ZmavError as e:
             self.say("flight", f"ended: {e.message}", "BAD")
         finally:

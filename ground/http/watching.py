@@ -14,7 +14,7 @@ from starlette.routing import BaseRoute, Route
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from ground.top.watch import Watch
-from zmav.waiting import cancelled
+from zmav.waiting import alongside
 
 LASTING = 30.0
 """s that the fleet is watched after the last request: watching asks every vehicle every two seconds"""
@@ -47,12 +47,9 @@ class Watching:
         return answer({**document, "links": links})
 
     async def _run(self) -> None:
-        watch = asyncio.create_task(self._watch.run())
-        try:
+        async with alongside(self._watch.run()) as (watch,):
             while time.monotonic() < self._until and not watch.done():
                 await asyncio.sleep(1.0)
-        finally:
-            await cancelled(watch)
 
     def _end(self) -> None:
         if self._task is not None:

@@ -18,6 +18,7 @@ from zmav.errors import BadConfig, Forbidden, needs
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
+from zmav.waiting import until_any
 
 DOMAIN = "ROS_DOMAIN_ID"
 LARGEST_DOMAIN = 232
@@ -109,17 +110,19 @@ async def _serve(shown: Settings, settings: SessionSettings, dialect: str) -> No
 
     async with connect(fleet=shown.fleet, settings=settings, dialect=dialect) as z:
         orders = shown.orders and may_order(z, shown.only or "vehicles")
-        async with Face(z, shown.domain, shown.rates, say, may_order=orders, only=shown.only):
-            stopped = asyncio.ensure_future(until_stopped())
-            await asyncio.sleep(0)  # who reads the line may end us at once
+        async with Face(z, shown.domain, shown.rates, say, may_order=orders, only=shown.only) as face:
             how = "with orders from any node of ROS" if orders else "read-only"
             who = f"{shown.fleet}/{shown.only}" if shown.only else f"fleet {shown.fleet}"
             line = f"{who} in ROS domain {shown.domain}, {how}"
-            say(line)
-            systemd.notify("READY=1", f"STATUS={line}")
-            while not stopped.done():
-                systemd.notify("WATCHDOG=1")
-                await asyncio.wait({stopped}, timeout=FED)
+
+            async def tell() -> None:
+                say(line)
+                systemd.notify("READY=1", f"STATUS={line}")
+                while True:
+                    systemd.notify("WATCHDOG=1")
+                    await asyncio.sleep(FED)
+
+            await until_any(until_stopped(), face.serve(), tell())  # in this order: who reads the line may end us
             systemd.notify("STOPPING=1")
 
 

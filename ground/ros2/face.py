@@ -187,6 +187,10 @@ class Face:
         self._show_swarm(False)
         await asyncio.gather(*self._closing.values(), return_exceptions=True)
 
+    async def serve(self) -> None:
+        """Until cancelled; raises what ended the looks at the fleet: nothing is shown any more."""
+        await asyncio.shield(self._running)
+
     async def _run(self) -> None:
         loop = asyncio.get_running_loop()
         await in_thread(find_tokens, self._z.session, f"{graph.SPACE}/{self._domain}/**", KNOWN_WITHIN)

@@ -20,7 +20,7 @@ from zmav.errors import BadInput, Forbidden, NotHolder, Refused, Unsupported, Zm
 from zmav.mavlink.results import CommandResult
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS
-from zmav.waiting import cancelled
+from zmav.waiting import alongside, cancelled
 
 UNDER_WAY = {"alt_rel", "away", "progress"}
 """what a vehicle tells of an order that it has begun to carry out"""
@@ -89,9 +89,8 @@ class Orders:
         args.lease = self._steering.token(gid)
         task = asyncio.create_task(self._vehicle.order(verb, args, on_progress))
         self._tasks.add(task)
-        waiting = asyncio.create_task(under_way.wait())
-        await asyncio.wait({task, waiting}, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
+        async with alongside(under_way.wait()) as (waiting,):
+            await asyncio.wait({task, waiting}, return_when=asyncio.FIRST_COMPLETED)
         if task.done():
             self._tasks.discard(task)
             task.result()

@@ -26,7 +26,7 @@ from ground.top.watch import Watch
 from zmav.cli.common import Between, Work, connected, console
 from zmav.client import Client
 from zmav.doctor.words import clean
-from zmav.waiting import within
+from zmav.waiting import alongside, until_any, within
 
 ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 PERIOD = 0.25
@@ -73,8 +73,9 @@ class Live:
 
     async def run(self) -> None:
         """Raises what ended the watching, once the terminal is given back."""
-        watching = asyncio.create_task(self._watch.run())
-        watching.add_done_callback(self._end)
+        await until_any(self._show(), self._watch.run())
+
+    async def _show(self) -> None:
         loop = asyncio.get_running_loop()
         for number in ENDINGS:
             loop.add_signal_handler(number, self._end)
@@ -91,9 +92,6 @@ class Live:
             logging.disable(logging.NOTSET)
             for number in ENDINGS:
                 loop.remove_signal_handler(number)
-            watching.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await watching
 
     def _draw(self, terminal: Terminal) -> None:
         self._report = self._watch.report()
@@ -111,7 +109,7 @@ class Live:
         self._shown = ""
         self._wake.set()
 
-    def _end(self, task: object = None) -> None:
+    def _end(self) -> None:
         self._ui.over = True
         self._wake.set()
 
@@ -147,12 +145,9 @@ def command(once: bool, as_json: bool, wait: float) -> Work:
         if not (once or as_json) and usable(0) and usable(1):
             await Live(watch, 0).run()
             return
-        watching = asyncio.create_task(watch.run())
-        try:
+        async with alongside(watch.run()):
             await watch.settle(wait)
             report = watch.report()
-        finally:
-            watching.cancel()
         if as_json:
             click.echo(text(report))
         else:

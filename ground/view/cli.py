@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from zmav.cli.common import Between, Work, connected
 from zmav.client import Client
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import say, until_stopped
-from zmav.waiting import until_any
+from zmav.waiting import alongside, until_any
 
 
 @click.command("view")
@@ -85,11 +84,8 @@ async def _paint(watch: Watch, screens: list[Screen]) -> None:
     async with contextlib.AsyncExitStack() as stack:
         for screen in screens:
             await stack.enter_async_context(screen)
-        telling = asyncio.create_task(_tell(screens))
-        try:
+        async with alongside(_tell(screens)):
             await until_any(until_stopped(), watch.run(), *map(_serve, screens))
-        finally:
-            telling.cancel()
 
 
 async def _serve(screen: Screen) -> None:

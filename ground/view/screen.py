@@ -15,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from ground.view.table import Table
-from zmav.waiting import within
+from zmav.waiting import alongside, within
 
 LENGTH = struct.Struct("<I")
 """before every batch"""
@@ -110,19 +110,15 @@ class Screen:
         """Answer its requests until it ends; its exit code."""
         process = self._process
         assert process is not None and process.stdin is not None and process.stdout is not None
-        watch = asyncio.create_task(self._watch())
-        try:
-            while await process.stdout.read(1) == READY:
-                self.asked = time.monotonic()
-                self.started.set()
-                data = msgspec.msgpack.encode(self.reader.take())
-                process.stdin.write(LENGTH.pack(len(data)) + data)
-                await process.stdin.drain()
-                self.batches += 1
-        except (BrokenPipeError, ConnectionResetError):
-            pass  # it has ended meanwhile
-        finally:
-            watch.cancel()
+        async with alongside(self._watch()):
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # it has ended meanwhile
+                while await process.stdout.read(1) == READY:
+                    self.asked = time.monotonic()
+                    self.started.set()
+                    data = msgspec.msgpack.encode(self.reader.take())
+                    process.stdin.write(LENGTH.pack(len(data)) + data)
+                    await process.stdin.drain()
+                    self.batches += 1
         return await process.wait()
 
     async def _watch(self) -> None:

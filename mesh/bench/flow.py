@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 
 import msgspec
 
 from zmav.errors import Refused, TimedOut
+from zmav.waiting import within
 from zmav.wire.bench import BenchClock, BenchInterval, BenchOutage, BenchQos, BenchReport, BenchTrip, Spread
 
 
@@ -202,6 +204,5 @@ async def pause(seconds: float, until: asyncio.Event | None) -> None:
     if until is None:
         await asyncio.sleep(seconds)
         return
-    task = asyncio.ensure_future(until.wait())
-    await asyncio.wait({task}, timeout=seconds)
-    task.cancel()
+    with contextlib.suppress(asyncio.TimeoutError):
+        await within(seconds, until.wait())

@@ -269,14 +269,12 @@ class Run:
         self._sender = Sender(publisher.put, self._tag, hz=order.hz, size=order.size, total=self._total)
         self._state = "running"
         self._sender.start()
-        guards = [asyncio.ensure_future(pinger.ask_for(order.seconds, order.guard)) for pinger in self._pingers[1:]]
-        try:
-            while self._sender.running:
-                await asyncio.sleep(BEAT)
-        finally:
-            self._sender.stop()
-            for guard in guards:
-                guard.cancel()
+        async with alongside(*(pinger.ask_for(order.seconds, order.guard) for pinger in self._pingers[1:])):
+            try:
+                while self._sender.running:
+                    await asyncio.sleep(BEAT)
+            finally:
+                self._sender.stop()
         if self._sender.error:
             self._state, self._why = "failed", self._sender.error
 

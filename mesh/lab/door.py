@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 
 from mesh.lab.network import Network
 from zmav.session import DEFAULT_PORT
-from zmav.waiting import alongside
+from zmav.waiting import until_any
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 """one caller, until it leaves"""
@@ -66,8 +66,7 @@ async def door_of(network: Network, host: str) -> AsyncIterator[str]:
             await asyncio.get_running_loop().sock_connect(theirs, ("127.0.0.1", DEFAULT_PORT))
             back, out = await asyncio.open_connection(sock=theirs)
             with contextlib.closing(out):
-                async with alongside(_pass(reader, out), _pass(back, writer)) as ways:
-                    await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+                await until_any(_pass(reader, out), _pass(back, writer))
 
     async with serving(lambda enter: asyncio.start_server(enter, "127.0.0.1", 0), serve) as server:
         yield f"tcp/127.0.0.1:{server.sockets[0].getsockname()[1]}"

@@ -19,6 +19,7 @@ from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
 from zmav.services.authority.targets import group_of
 from zmav.vehicle import Vehicle
+from zmav.waiting import alongside
 
 OWN = ("lease", "seq", "deadline", "frame", "segment", "home")
 SETTLE = 0.5
@@ -73,18 +74,14 @@ def command(vehicle: str, seconds: float, rate: float, priority: int, as_json: b
     async def fly(z: Client) -> None:
         target = await one(z, vehicle)
         said: list[str] = []
-        listener = asyncio.create_task(_listen(target, said, as_json))
         before, start, count = dict(target.state.setpoints), time.monotonic(), 0
-        try:
-            async with target.lease("fly", priority=priority) as lease:
-                while count / rate < seconds:  # kept by the clock and not by the pauses
-                    lease.setpoint(**setpoint)
-                    count += 1
-                    await asyncio.sleep(max(0.0, start + count / rate - time.monotonic()))
-                flown_for = time.monotonic() - start
-                await asyncio.sleep(SETTLE)
-        finally:
-            listener.cancel()
+        async with alongside(_listen(target, said, as_json)), target.lease("fly", priority=priority) as lease:
+            while count / rate < seconds:  # kept by the clock and not by the pauses
+                lease.setpoint(**setpoint)
+                count += 1
+                await asyncio.sleep(max(0.0, start + count / rate - time.monotonic()))
+            flown_for = time.monotonic() - start
+            await asyncio.sleep(SETTLE)
         counts = {k: n - before.get(k, 0) for k, n in target.state.setpoints.items() if n > before.get(k, 0)}
         _say(target, lease.sent, flown_for, counts, said, as_json)
 

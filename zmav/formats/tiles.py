@@ -22,7 +22,7 @@ import zlib
 from pathlib import Path
 from typing import Any, Protocol
 
-from zmav.errors import BadInput, TimedOut, missing_extra
+from zmav.errors import BadInput, TimedOut, needs
 from zmav.terrain import HIGHEST, LOWEST, MINUTES, VOID, Piece, cell_name, corner_of, heights_of, names_within
 
 SIDES = (1201, 3601)
@@ -157,13 +157,12 @@ class Raster:
     """heights along a piece's side, less one: an arc second each"""
 
     def __init__(self, path: Path) -> None:
-        try:
-            import rasterio
-            import rasterio.transform
-            from rasterio.enums import Resampling
-            from rasterio.vrt import WarpedVRT
-        except ImportError as e:
-            raise missing_extra("a GeoTIFF", e.name, "terrain") from e
+        needs("a GeoTIFF", "terrain", "rasterio")
+        import rasterio
+        import rasterio.transform
+        from rasterio.enums import Resampling
+        from rasterio.vrt import WarpedVRT
+
         self._errors: Any = rasterio.errors.RasterioError
         self._warp = functools.partial(WarpedVRT, crs="EPSG:4326", resampling=Resampling.bilinear, nodata=VOID)
         self._placed: Any = rasterio.transform.from_origin

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import builtins
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -246,13 +246,6 @@ def test_it_is_drawn(kind: str, tmp_path: Path) -> None:
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     report = of_step(step(4.0), lambda t: first_order(t, 0.1))
-    real = builtins.__import__
-
-    def missing(name: str, *rest: Any) -> Any:
-        if name == "matplotlib.figure":
-            raise ImportError("no matplotlib", name="matplotlib")
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(BadConfig, match=r"zmav\[planner\]"):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(BadConfig, match=r"a picture needs matplotlib.*zmav\[planner\]"):
         picture(report, tmp_path / "response.png")

@@ -138,12 +138,12 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
     assert alive(pids) == set()
 
 
-@pytest.mark.parametrize("name", ["sim", "quad1"])
+@pytest.mark.parametrize(("name", "fleet"), [("sim", 1), ("quad2", 3)], ids=["simulator killed", "relay killed"])
 def test_a_process_that_dies_ends_it_with_words(
-    start_demo: Callable[..., Demo], alone: str, tmp_path: Path, name: str
+    start_demo: Callable[..., Demo], alone: str, tmp_path: Path, name: str, fleet: int
 ) -> None:
-    demo = start_demo(alone, "--out", str(tmp_path))
-    pids = wait_for_children(demo, "quad1", "router", "sim", "record")
+    demo = start_demo(*([alone] if fleet == 1 else []), "--out", str(tmp_path))
+    pids = wait_for_children(demo, *(("quad1", "router", "sim", "record") if fleet == 1 else EVERYONE))
     os.kill(pids[name], signal.SIGKILL)
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1, out

@@ -7,12 +7,14 @@ import signal
 import socket
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+import zenoh
 from click.testing import CliRunner
 
 from ground.ros2.cli import command
+from ground.ros2.graph import SPACE
 from zmav.errors import BadConfig, SessionError
 from zmav.waiting import within
 
@@ -55,6 +57,23 @@ def test_a_domain_that_cannot_be_is_refused() -> None:
 def test_no_router_is_said() -> None:
     result = CliRunner().invoke(command, ["-e", "tcp/127.0.0.1:1"])
     assert isinstance(result.exception, SessionError)
+
+
+def test_looks_at_the_fleet_that_have_ended_end_it_with_their_error(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or ROS would show nobody, and nobody would learn why."""
+
+    get = zenoh.Liveliness.get
+
+    def fail(self: zenoh.Liveliness, key: Any, *args: Any, **more: Any) -> Any:
+        if str(key).startswith(SPACE):
+            raise zenoh.ZError("no looks any more")
+        return get(self, key, *args, **more)
+
+    _, endpoint = net.router()
+    monkeypatch.setattr(zenoh.Liveliness, "get", fail)
+    result = CliRunner().invoke(command, ["-e", endpoint])
+    assert isinstance(result.exception, zenoh.ZError)
+    assert "no looks any more" in str(result.exception)
 
 
 def test_all_fleets_at_once_are_refused(net: Net) -> None:
