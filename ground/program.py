@@ -120,8 +120,6 @@ async def until_over(status: Status, as_json: bool, work: Coroutine[Any, Any, No
             await asyncio.sleep(STATUS_S)
             tell()
 
-    try:
-        await until_any(until_stopped(), *([work] if work else []), *([tell_on()] if as_json else []))
-    finally:
-        if as_json:
-            tell()
+    await until_any(until_stopped(), *([work] if work else []), *([tell_on()] if as_json else []))
+    if as_json:
+        tell()

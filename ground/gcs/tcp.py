@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import math
 import select
 import socket
@@ -17,8 +16,8 @@ from zmav.links.tcp import set_stream_options, shut
 
 WEB = (b"GET ", b"POST ", b"PUT ", b"HEAD ", b"OPTIONS ", b"DELETE ", b"PATCH ")
 """how a browser begins: any web page may have it send something to this computer, and frames within that would fly"""
-EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-"""why a station that waits cannot be let in, and goes on waiting"""
+WENT_AWAY = (BlockingIOError, ConnectionAbortedError, InterruptedError)
+"""why no station was let in that came; whatever else it is, such as no descriptor left, may well last"""
 
 
 class Connection:
@@ -100,13 +99,14 @@ class TcpIn(SocketEndpoint):
         try:
             sock, address = listener.accept()
         except OSError as error:
-            if error.errno in EXHAUSTED:  # it waits on: to try at once would keep the thread from who is there
+            # Who waits goes on waiting: to try at once would keep the thread from who is there.
+            if not isinstance(error, WENT_AWAY):
                 self._poll.unregister(listener)
                 self._again = time.monotonic() + self._backoff.next()
                 if not self._full:
                     self._hub.news(f"tcp: no station can be let in: {error.strerror}")
                 self._full = True
-            return  # else it went away again
+            return
         self._backoff.reset()
         self._full = False
         if len(self._clients) >= MOST_CLIENTS:
@@ -140,5 +140,6 @@ class TcpIn(SocketEndpoint):
             self._poll.unregister(fd)
             self._hub.left(client, why)
             connection.sock.close()
+            self._again = 0.0  # its descriptor may be what one that waits needs
             return
         self._take(client, data)

@@ -110,6 +110,8 @@ def test_a_burst_is_500_packets_and_ends_with_the_file(client: Client) -> None:
     storage(client.gcs).files.write("/APM/f", 0, bytes(size))
     assert int.from_bytes(client.ask(Op.OPEN_FILE_RO, b"/APM/f").data, "little") == size
     client.send(Op.BURST_READ_FILE, size=MOST_DATA)
+    client.gcs.world.step()
+    assert client.gcs.vehicle.node.next_due <= client.gcs.world.time_s  # the next tick goes on, and comes on time
     client.gcs.world.step(1.0)
     packets = client.answers
     assert len(packets) == 500

@@ -118,6 +118,7 @@ def test_one_transfer_at_a_time(gcs: Gcs, another_gcs: Any) -> None:
     other.send("LOG_REQUEST_DATA", id=1, ofs=0, count=90)
     gcs.world.step(0.02)
     assert "Log download in progress" in other.texts()
+    assert gcs.vehicle.node.next_due <= gcs.world.time_s  # the next tick goes on, and comes on time
     assert [m["ofs"] for m in gcs.all("LOG_DATA")] == list(range(0, 320 * 90, 90))
     gcs.send("LOG_REQUEST_END")
     gcs.clear()
@@ -129,6 +130,7 @@ def test_one_transfer_at_a_time(gcs: Gcs, another_gcs: Any) -> None:
     other.send("LOG_REQUEST_DATA", id=9, ofs=0, count=90)
     gcs.world.step(0.02)
     assert other.all("LOG_DATA") == []
+    assert gcs.vehicle.node.next_due > gcs.world.time_s
 
 
 def test_logs_stay_within_bounds() -> None:

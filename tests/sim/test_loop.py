@@ -12,6 +12,7 @@ from itertools import pairwise
 import pytest
 
 from zmav.errors import TimedOut
+from zmav.mavlink.codec import Packer
 from zmav.sim import World
 from zmav.sim.clock import Pacer
 from zmav.sim.external import Externals
@@ -82,14 +83,14 @@ def test_a_world_that_another_thread_runs_gets_none_of_its_own() -> None:
 class Patient:
     """A loop whose ticks may wait for four others, on a wall clock that the test may turn."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, tick_s: float = 0.01) -> None:
         self.ticks = 0
 
         def status() -> WorldStatus:
             raise NotImplementedError
 
-        pacer = Pacer(0.01, 1.0, clock)
-        self.loop = Loop(self._tick, lambda: self.ticks * 0.01, status, pacer, Externals(), None, lambda: 4)
+        self.pacer = pacer = Pacer(tick_s, 1.0, clock)
+        self.loop = Loop(self._tick, lambda: self.ticks * tick_s, status, pacer, Externals(), None, lambda: 4)
 
     def _tick(self) -> None:
         self.ticks += 1
@@ -127,6 +128,73 @@ def test_who_speaks_is_heard_after_the_ticks_that_were_due() -> None:
     now = 0.075
     assert patient.loop.calls.call(lambda: patient.ticks) == 8
     patient.end()
+
+
+def watch(pacer: Pacer, waits: Callable[[int], object]) -> None:
+    """Tell ``waits`` how many ticks may come late, whenever the loop asks for how long it may listen."""
+    before = pacer.wait_s
+
+    def wait_s(late: int = 0) -> float:
+        waits(late)
+        return before(late)
+
+    pacer.wait_s = wait_s  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("tick_hz", [100, 300, 1000])
+def test_no_tick_of_a_thinking_period_waits_after_somebody_spoke(tick_hz: int) -> None:
+    """However often the world ticks: autopilots think each 0.02 s, or more often."""
+    patient, late_ones = Patient(tick_s=1.0 / tick_hz), set[int]()
+    watch(patient.pacer, lambda late: late_ones.add(patient.ticks) if late else None)
+    patient.loop.start()
+    patient.reach(tick_hz // 10)
+
+    def speak() -> int:
+        late_ones.clear()
+        return patient.ticks
+
+    spoke = patient.loop.calls.call(speak)
+    patient.reach(spoke + tick_hz // 10)
+    patient.end()
+    assert not late_ones & set(range(spoke, spoke + tick_hz // 50))
+    assert late_ones & set(range(spoke, spoke + tick_hz // 10))
+
+
+class Listener:
+    """Who hears a vehicle, and has room for all it says."""
+
+    def room(self) -> int:
+        return 1 << 20
+
+    def put(self, frame: bytes) -> None:
+        pass
+
+
+def test_ticks_that_send_a_list_do_not_wait_for_each_other() -> None:
+    world = World(copters=1, endpoint="tcp:0")
+    node = world.vehicles[0].node
+    channel = node.open_channel(Listener())
+    late_ones: dict[bool, list[int]] = {True: [], False: []}
+    watch(world.pacer, lambda late: late_ones[channel.params_next is not None].append(late))
+    request = Packer(node.dialect, 255, 190).pack("PARAM_REQUEST_LIST", target_system=node.sysid, target_component=1)
+    with world:
+        world.call(lambda: node.take(channel, request))
+        world.wait_for(lambda: channel.params_next is None)
+        world.wait_for(lambda: max(late_ones[False]) > 0)
+    assert len(late_ones[True]) > 10
+    assert max(late_ones[True]) == 0
+
+
+def test_ticks_wait_for_each_other_beside_a_vehicle_that_hangs() -> None:
+    """Nothing that it has to say is due, however long it has been."""
+    world = World(copters=1, endpoint="tcp:0")
+    node, late_ones = world.vehicles[0].node, list[int]()
+    channel = node.open_channel(Listener())
+    with world:
+        world.fault("all", "frozen")
+        world.wait_for(lambda: world.time_s > channel.streams.next_due + 1.0)
+        watch(world.pacer, late_ones.append)
+        world.wait_for(lambda: any(late_ones), 2.0)
 
 
 def test_in_a_slow_world_no_tick_waits_for_another() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 import os
+import posixpath
+import re
 import struct
 import zlib
 from collections.abc import Sequence
@@ -58,6 +60,12 @@ _WRITING = frozenset(
     }
 )
 """requests that change what they name. WRITE_FILE names a session: what has opened that is judged"""
+_PX4_KEEPS = re.compile(r"/fs/mtd.*|(/fs/microsd)?/(dataman|params|eeprom(/.*)?|param[^/]*\.bs[^/]*)")
+"""where PX4 keeps missions, fences and rally points (dataman; some boards: mtd_waypoints) and parameters (mtd_params,
+params, parameters.bson, in older simulators eeprom/parameters) with their backups: on a board's card and flash, and at
+the root of a simulated one. In lower case: the card's FAT makes no difference. Sources: PX4 1.16, dataman.cpp
+(PX4_STORAGEDIR), ROMFS/px4fmu_common/init.d/rcS and init.d-posix/rcS (param select, param select-backup)
+"""
 
 
 class Nak(enum.IntEnum):
@@ -147,12 +155,18 @@ def is_generated(path: str) -> bool:
 
 
 def check_written(path: str) -> None:
-    """Raise :class:`BadInput` where nobody may write ``path``: ArduPilot takes what is written to a generated file for
-    a plan or for parameters, which nobody would have judged.
+    """Raise :class:`BadInput` where nobody may write ``path``, on whatever autopilot: ArduPilot takes what is written
+    to a generated file for a plan or for parameters, and PX4 reads its own from files. Nobody would have judged them.
     """
-    if is_generated(path):
-        text = f"{path} is no file on the autopilot's disk: mission_upload writes plans, and param_set parameters"
-        raise BadInput(text, field="path", value=path, expected="another file")
+    plain = posixpath.normpath("/" + path.lstrip("/"))
+    if is_generated(path) or is_generated(plain):  # ArduPilot looks at how a path begins, and normalises none
+        what = "is no file on the autopilot's disk"
+    elif _PX4_KEEPS.fullmatch(plain.casefold().rstrip(". ")):
+        what = "is where PX4 keeps plans or parameters"
+    else:
+        return
+    text = f"{path} {what}: mission_upload writes plans, and param_set parameters"
+    raise BadInput(text, field="path", value=path, expected="another file")
 
 
 def check_request(payload: bytes | Sequence[int]) -> None:

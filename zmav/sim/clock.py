@@ -38,7 +38,7 @@ class Pacer:
         """told of some more of them"""
         self.on_slow: Callable[[], None] = lambda: None
         """called each wall second, with a tick, while time passes more slowly than real time"""
-        self._tick_s = tick_s
+        self.tick_s = tick_s
         self._clock = clock
         self._speed = check_speed(speed)
         self._ticks_left: int | None = None
@@ -82,13 +82,13 @@ class Pacer:
         """Wall seconds until the next tick, or until ``late`` more are due; 0: now; infinite: not before somebody says
         so.
         """
-        return math.inf if self.paused else max(self._due + late * self._tick_s / self._speed - self._clock(), 0.0)
+        return math.inf if self.paused else max(self._due + late * self.tick_s / self._speed - self._clock(), 0.0)
 
     def ticked(self) -> None:
         """A tick is done."""
         now = self._clock()
         self._ticks += 1
-        self._due += self._tick_s / self._speed if math.isfinite(self._speed) else 0.0
+        self._due += self.tick_s / self._speed if math.isfinite(self._speed) else 0.0
         if math.isinf(self._speed):
             self._due = now
         elif now - self._due > MOST_BEHIND_S:
@@ -105,7 +105,7 @@ class Pacer:
 
     def _measure(self, now: float) -> None:
         passed = now - self._measured
-        self.reached = self._ticks * self._tick_s / passed
+        self.reached = self._ticks * self.tick_s / passed
         self.behind = math.isfinite(self._speed) and self.reached < SLOW * self._speed
         self._measured, self._ticks = now, 0
         if self.reached < SLOWER:

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
 LOOK_S = 0.05  # of wall time, between looks at who waits to be flushed, and at how long a client has kept the world
-ALERT_TICKS = 2  # that come on time after somebody spoke: within them autopilots think, and say what they think of it
+ALERT_S = 0.02  # simulated, whose ticks come on time after somebody spoke: in it autopilots think, and say what of it
 
 
 class Calls:
@@ -104,7 +104,7 @@ class Loop:
         spare: Callable[[], int],
     ) -> None:
         self._tick, self._now, self._status, self._spare = tick, now, status, spare
-        self._alert = ALERT_TICKS
+        self._alert = self._alert_ticks = round(ALERT_S / pacer.tick_s)
         self._pacer, self._externals, self._lockstep = pacer, externals, lockstep
         self.selector = selectors.DefaultSelector()
         self.wiring = Wiring(self.selector, set())
@@ -254,7 +254,7 @@ class Loop:
                 break
             self._advance_one()
         for key, _ in speaking:
-            self._alert = ALERT_TICKS
+            self._alert = self._alert_ticks
             ready: Callable[[], None] = key.data
             ready()
         self.calls.do()

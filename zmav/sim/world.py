@@ -324,7 +324,8 @@ class World:
         """
         if self.lockstep is not None or self.cameras is not None or self.externals.vehicles or self.pacer.stepping:
             return 0
-        due_s = min([math.inf, *(vehicle.node.next_due for vehicle in self.vehicles)])
+        speaking = (vehicle.node for vehicle in self.vehicles if not vehicle.node.hung)
+        due_s = min([math.inf, *(node.next_due for node in speaking)])
         quiet_s = min(due_s - self.time_s, LATE_S * min(self.speed, 1.0))
         return max(math.ceil(quiet_s / self.tick_s) - 1, 0)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from click.testing import CliRunner
 
+from ground.program import until_over
 from ground.rtk.cli import command
 from tests.rtcm import base_at, message
 from zmav import keys
@@ -62,3 +63,24 @@ def test_one_fleet_is_named(net: Net, tmp_path: Path) -> None:
     result = CliRunner().invoke(command, [str(path), "--fleet", "*", "-e", endpoint])
     assert isinstance(result.exception, BadConfig)
     assert "name it with --fleet" in str(result.exception)
+
+
+async def test_what_ends_the_work_is_raised_as_it_was_and_no_status_is_printed_then(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A status whose reader is gone would be raised in its place."""
+
+    async def work() -> None:
+        raise BadInput("no such caster", field="url", value="x", expected="another")
+
+    with pytest.raises(BadInput, match="no such caster"):
+        await until_over(lambda: ("failed", "no such caster", {}), True, work())
+    assert capsys.readouterr().out == ""
+
+
+async def test_the_last_status_is_printed_where_the_work_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    async def work() -> None:
+        return
+
+    await until_over(lambda: ("done", "all played", {}), True, work())
+    assert json.loads(capsys.readouterr().out) == {"state": "done", "text": "all played"}

@@ -13,7 +13,7 @@ from tests.services.files.disk import PATIENCE_S, disk, noise, same
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink import ftp, load_dialect, plan_file
-from zmav.mavlink.ftp import Nak, Op
+from zmav.mavlink.ftp import Nak, Op, check_written
 from zmav.mavlink.packed_params import PATH
 from zmav.services.files.ftp_requests import Talk
 
@@ -88,8 +88,39 @@ async def test_plans_and_parameters_are_not_written_past_their_judges(
         for path in ("@MISSION/mission.dat", "/@MISSION/mission.dat", "@PARAM/param.pck"):
             with pytest.raises(BadInput, match="no file on the autopilot's disk: mission_upload writes plans"):
                 await d.v.files.put_bytes(data, path)
+        with pytest.raises(BadInput, match="where PX4 keeps plans or parameters: mission_upload writes plans"):
+            await d.v.files.remove("/fs/microsd/dataman")
         assert len(d.world.vehicles[0].copter.mission) <= 1  # home
         assert (await d.v.files.get("@MISSION/mission.dat", tmp_path)).read_bytes()[:2] == data[:2]  # it can be read
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/fs/microsd/dataman",
+        "/fs/microsd/params",
+        "/fs/microsd/parameters_backup.bson",
+        "/fs/mtd_params",
+        "/fs/mtd_waypoints",
+        "fs//microsd/./dataman",
+        "/fs/microsd/log/../DATAMAN",
+        "/dataman",
+        "./parameters.bson",
+        "/eeprom/parameters",
+        "./@MISSION/mission.dat",
+        "x/../@PARAM/param.pck",
+        "@PARAM/../x",
+    ],
+)
+def test_nothing_is_written_where_an_autopilot_keeps_plans_and_parameters(path: str) -> None:
+    """Neither by its usual name nor by another, whatever the autopilot is."""
+    with pytest.raises(BadInput, match="mission_upload writes plans"):
+        check_written(path)
+
+
+@pytest.mark.parametrize("path", ["/APM/a.lua", "/fs/microsd/log/x.ulg", "/fs/microsd/etc/extras.txt", "@ROMFS/x"])
+def test_other_files_are_written(path: str) -> None:
+    check_written(path)
 
 
 async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:

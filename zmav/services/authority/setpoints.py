@@ -102,7 +102,8 @@ class Setpoints:
         def take(sample: zenoh.Sample) -> None:
             if (heard := self._sealed(sample)) is not None:
                 self._waiting.append(heard)
-                wake()
+                if len(self._waiting) == 1:  # else what came before has woken it, and it goes on to this one
+                    wake()
 
         self._intake = Intake(self._session.declare_subscriber, key, take, MOST_HEARD)
 

@@ -95,6 +95,7 @@ class Files:
         return {"cancelled": what if ended else None}
 
     async def _change(self, op: Op, args: wire.FilePath, report: Report) -> dict[str, Any]:
+        check_written(args.path)
         await self.ftp.change(op, args.path, report)
         return {}
 

@@ -103,20 +103,25 @@ def is_ours(ack: Mapping[str, Any], port: Port) -> bool:
 
 
 def one_waits(loop: asyncio.AbstractEventLoop, call: Callable[[Any], object]) -> Callable[[Any], None]:
-    """As :func:`on_loop`, for an intake: one call at a time waits for the loop, and is left out where that is busy."""
-    room = threading.Semaphore()
+    """As :func:`on_loop`, for an intake: one call at a time waits for the loop. Where that is busy for longer than
+    :data:`BUSY_S`, the next one takes its place: the newest is what is called with, however late.
+    """
+    room, newest = threading.Semaphore(), collections.deque[Any](maxlen=1)
 
-    def look(what: Any) -> None:
+    def look(holds: bool) -> None:
         try:
-            call(what)
+            if newest:
+                call(newest.popleft())
         finally:
-            room.release()
+            if holds:
+                room.release()
 
     hand = on_loop(loop, look)
 
     def put(what: Any) -> None:
-        if room.acquire(timeout=BUSY_S):
-            hand(what)
+        holds = room.acquire(timeout=BUSY_S)
+        newest.append(what)
+        hand(holds)
 
     return put
 

@@ -24,6 +24,7 @@ import zenoh
 from zmav import keys
 from zmav.bus import Bus
 from zmav.errors import BadInput, Refused, ZmavError
+from zmav.ratelimit import RateLimit
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers, attached
 from zmav.trust.gate import Prove
@@ -38,6 +39,8 @@ SHARE, CREDIT = 0.25, 0.05
 PENDING = 8
 """questions of one channel whose answer something else is to bring: the autopilot, the event loop"""
 
+TOLD_S = 0.1
+"""s between two words that questions were dropped: a flood costs no more of them"""
 LARGEST = 65_536
 """bytes of a question; orders that a viewer may give are among them"""
 ENDING = 1.0
@@ -85,7 +88,7 @@ class Channel:
 
 
 class QuestionsDropped(NamedTuple):
-    """They come faster than they can be answered. Told from any thread."""
+    """They come faster than they can be answered. Told from any thread, once in :data:`TOLD_S` s."""
 
 
 class Questions:
@@ -105,6 +108,7 @@ class Questions:
         self._channels: collections.deque[Channel] = collections.deque()
         self._intakes: list[Intake] = []
         self._news, self._closed = threading.Condition(), threading.Event()
+        self._telling: RateLimit[None] = RateLimit(TOLD_S, 1)
         self._credit, self._paid = CREDIT, time.monotonic()
         self._thread: threading.Thread | None = None
 
@@ -130,7 +134,8 @@ class Questions:
         if self._fits(query, channel.parameters) and self._wait(channel, _Question(query, time.monotonic())):
             with self._news:
                 self.counts["dropped"] += 1
-            self.bus.tell(QuestionsDropped())
+            if self._telling.take(None) is not None:
+                self.bus.tell(QuestionsDropped())
 
     def refuse(self, channel: Channel, query: zenoh.Query, error: ZmavError) -> None:
         """Answer in words why not, in its turn."""

@@ -195,7 +195,9 @@ class Node(ABC):
 
     @property
     def next_due(self) -> float:
-        """When the next stream or question for the time is, simulated seconds."""
+        """When the next stream or question for the time is, simulated seconds; now, while something long is sent."""
+        if any(part.sending for part in self._ticking):
+            return self.brain.now
         return min([self._next_timesync, *(channel.streams.next_due for channel in self.channels)])
 
     def tick(self) -> None:

@@ -113,6 +113,11 @@ class Part:
     due = -math.inf
     """when :meth:`tick` has something to do next, simulated seconds; a part that sets it is called then, not before"""
 
+    @property
+    def sending(self) -> bool:
+        """The next tick goes on with something long: such ticks do not wait for each other."""
+        return False
+
     def answers(self) -> Mapping[str, Answer]:
         """Who answers which message, by the message's name."""
         return {}

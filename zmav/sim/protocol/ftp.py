@@ -97,6 +97,10 @@ class FtpServer(Part):
     def answers(self) -> Mapping[str, Answer]:
         return {"FILE_TRANSFER_PROTOCOL": self._receive}
 
+    @property
+    def sending(self) -> bool:
+        return self._burst is not None or bool(self._queue)
+
     def tick(self, now: float) -> None:
         self._now = now
         for _ in range(PER_TICK):

@@ -133,6 +133,10 @@ class LogProtocol(Part):
             "LOG_ERASE": self._erase,
         }
 
+    @property
+    def sending(self) -> bool:
+        return self._task is not None and not self._armed()
+
     def tick(self, now: float) -> None:
         if (self._task is None and not self._warned) or self._refused(None):
             return

@@ -156,6 +156,10 @@ class ParamProtocol(Part):
         for each in self._everyone():
             self._send(each, name, NO_INDEX)
 
+    @property
+    def sending(self) -> bool:
+        return any(channel.params_next is not None for channel in self._everyone())
+
     def tick(self, now: float) -> None:
         self.due = math.inf
         for channel in self._everyone():
