@@ -34,6 +34,8 @@ planner whose book lacks it so long is stuck or cut off, and it is not known whe
 """
 SILENCE = 5.0
 """s without its book, which comes once a second: five in a row are hardly lost, and a standby takes over after three"""
+BEAT = 0.4
+"""s in which whoever is in charge says so at least once: three times a second"""
 CHIEF_LOOK, CHIEF_ANSWER, CHIEF_END = 4.0, 3.0, 30.0
 """s for a planner to be heard of (a standby takes over after three), for an answer of it, and for the end of what it
 was asked: a preview is planned as it would be flown
@@ -285,19 +287,26 @@ class FleetOrder:
 
 async def planner_in_charge(z: Client, fleet: str, timeout: float) -> tuple[str, str] | None:
     """Fleet and name of the planner in charge, by its own word; None: none is heard within ``timeout`` s. ``fleet`` may
-    be ``*``.
+    be ``*``. Where two say so, as when a network has been torn, it is the one that the other gives way to: the highest
+    by term and instance.
     """
 
-    def convert(sample: zenoh.Sample) -> tuple[str, str]:
+    def convert(sample: zenoh.Sample) -> tuple[int, str, str, str]:
         key = str(sample.key_expr)
         charge = wire.decode(sample.payload.to_bytes(), swarm.Charge, key)
-        return keys.match(key)[1]["fleet"], keys.check_name(charge.planner, "planner")
+        fleet, name = keys.match(key)[1]["fleet"], keys.check_name(charge.planner, "planner")
+        return charge.term, charge.instance, fleet, name
 
+    highest: tuple[int, str, str, str] | None = None
+    until = time.monotonic() + timeout
     async with z.subscribe(keys.FLEET.key(fleet, topic="charge"), convert) as told:
-        try:
-            return await within(timeout, told.get())
-        except asyncio.TimeoutError:
-            return None
+        with contextlib.suppress(asyncio.TimeoutError):
+            while (left := until - time.monotonic()) > 0.0:
+                heard = await within(left, told.get())
+                if highest is None:
+                    until = time.monotonic() + BEAT
+                highest = heard if highest is None else max(highest, heard)
+    return None if highest is None else highest[2:]
 
 
 async def order_planner(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import fnmatch
 import math
+import time
 import uuid
 from collections.abc import AsyncIterator
 from typing import Any
@@ -74,13 +75,18 @@ async def find(z: zmav.Client) -> Planner:
     if fleet == "*":
         raise BadInput("say which fleet: --fleet NAME", field="fleet", value="*", expected="one fleet")
     found = await planner_in_charge(z, fleet, LOOK)
-    others = await planners(z) if found is None else []
-    if others and (found := await planner_in_charge(z, fleet, TAKES_OVER)) is None:
-        text = f"{', '.join(others)}: standing by, and nobody is in charge yet; ask again in a few seconds"
-        raise Refused(text, standby=others)
-    if found is None:
+    others, ends = await planners(z) if found is None else [found[1]], time.monotonic() + TAKES_OVER
+    if not others:
         raise NoSuchVehicle(NOBODY.format(fleet=fleet), fleet=fleet)
-    return Planner(z, await Planner(z, {"planner": found[1]}).order("status", wire.Order()))
+    while True:
+        if found is not None:
+            chief = Planner(z, await Planner(z, {"planner": found[1]}).order("status", wire.Order()))
+            if chief.status.get("in_charge"):  # and has not stepped down since
+                return chief
+        if (left := ends - time.monotonic()) <= 0.0:
+            text = f"{', '.join(others)}: standing by, and nobody is in charge yet; ask again in a few seconds"
+            raise Refused(text, standby=others)
+        found = await planner_in_charge(z, fleet, left)
 
 
 async def planners(z: zmav.Client) -> list[str]:

@@ -20,7 +20,7 @@ from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
-from zmav.waiting import cancelled
+from zmav.waiting import alongside, cancelled
 
 if TYPE_CHECKING:
     from agents.planner.returning.keeper import ReturnKeeper
@@ -332,14 +332,12 @@ class Executor:
         for part in self._ghosts:
             part.off = part.off or "lost"
         gone = {part.id for part in self._ghosts}
-        asking = asyncio.ensure_future(self._replan(Trouble(reason, places, gone)))
-        try:
+        async with alongside(self._replan(Trouble(reason, places, gone))) as (asking,):
             while not asking.done():
                 self._look(conductor)
                 await asyncio.wait({asking}, timeout=TICK)
-            return asking.result()
-        finally:
-            asking.cancel()
+            again: Flight | None = asking.result()
+            return again
 
     async def _gathered(self, conductor: Conductor) -> dict[str, Floats]:
         """Everybody rests, and for a while those who are not heard are waited for, or who were moved aside: these are
@@ -415,18 +413,18 @@ class Executor:
         """
         if self._conductor is None:
             return
-        cancelled, settling = None, asyncio.ensure_future(self._settle(self._conductor))
+        interrupted, settling = None, asyncio.ensure_future(self._settle(self._conductor))
         try:
             while not settling.done():
                 try:
                     await asyncio.shield(settling)
                 except asyncio.CancelledError as e:
-                    cancelled = e
+                    interrupted = e
             settling.result()
         finally:
             self._conductor = None
-        if cancelled is not None:
-            raise cancelled
+        if interrupted is not None:
+            raise interrupted
 
     async def _settle(self, conductor: Conductor) -> None:
         conductor.halt("the execution has ended")

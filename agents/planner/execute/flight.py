@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,7 +54,7 @@ class Trouble:
     """those who do not: the way of each stays reserved, and the column at its last known place"""
 
 
-Replan = Callable[[Trouble], Awaitable["Flight | None"]]
+Replan = Callable[[Trouble], Coroutine[Any, Any, "Flight | None"]]
 
 
 @dataclass

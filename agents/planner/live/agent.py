@@ -105,8 +105,7 @@ class Agent:
 
     async def __aexit__(self, *exc: object) -> None:
         """Everybody comes to rest, and the goals stay in the book for anyone who stands by."""
-        tasks = [*filter(None, (self._task, *self.publisher.tasks)), *self.context.asking]
-        await cancelled(*tasks)
+        await cancelled(self._task, *self.publisher.tasks, *self.context.asking)
         await asyncio.gather(*(run.close() for run in self.runs.values()), return_exceptions=True)
         await self.handlers.close()
         if self.context.charge.in_charge:
@@ -146,9 +145,10 @@ class Agent:
             self.context.say_seldom("refused", "warning", f"refused: {e}")
             return
         before = self._maps.pop(told.instance, None)
-        overtaken = before is not None and 0.0 < before.t - told.t < LATE  # or its clock was set back
-        read = before if overtaken and before is not None else self._read(told)
-        self._maps[told.instance] = read
+        if before is not None and 0.0 < before.t - told.t < LATE:  # overtaken; else its clock was set back
+            self._maps[told.instance] = before
+            return
+        self._maps[told.instance] = read = self._read(told)
         if len(self._maps) > MAPS:
             del self._maps[next(iter(self._maps))]
         if read.odd and (before is None or before.odd != read.odd):

@@ -71,8 +71,7 @@ class Homeward:
         for name in {*self.keeper.futures.parts, *self.keeper.last}:
             seen = self._fleet.seen(name)
             if seen is None:  # not heard for so long that it is down by now
-                self.keeper.forget(name)
-                self.keeper.last.pop(name, None)
+                self.keeper.drop(name)
             elif seen.age >= FRESH or not self._over(name, seen):
                 continue
             elif name in flying:

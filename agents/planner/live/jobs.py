@@ -80,7 +80,11 @@ class Done:
 
 
 def write(pipe: BinaryIO, message: object) -> None:
-    pipe.write(frame(message))
+    send(pipe, frame(message))
+
+
+def send(pipe: BinaryIO, data: bytes) -> None:
+    pipe.write(data)
     pipe.flush()
 
 

@@ -23,6 +23,7 @@ from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, ZmavError
+from zmav.waiting import alongside
 from zmav.wire import Vector, swarm
 
 LOOK = 0.5
@@ -58,22 +59,22 @@ class GoalUnderWay(UnderWay, Protocol):
 
 
 class LeasedVehicles(Executor):
-    """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
+    """``async with LeasedVehicles(goal)``: takes each vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
-    def __init__(self, run: GoalUnderWay) -> None:
-        self._run = run
+    def __init__(self, goal: GoalUnderWay) -> None:
+        self._goal = goal
         super().__init__(
-            run.context.z,
-            run.vehicles,
-            holder=run.context.settings.name,
+            goal.context.z,
+            goal.vehicles,
+            holder=goal.context.settings.name,
             say=self._tell,
             replan=self._plan_again,
-            clock=run.context.clocks.clock,
-            offsets=run.context.clocks.of(run.vehicles),
-            followings=run.context.fleet.followings_of(run.vehicles),
+            clock=goal.context.clocks.clock,
+            offsets=goal.context.clocks.of(goal.vehicles),
+            followings=goal.context.fleet.followings_of(goal.vehicles),
             taking=TAKE,
-            waits=lambda why: run.text(f"waits for a lease: {why}"),
-            homes=run.context.homes.keeper,
+            waits=lambda why: goal.text(f"waits for a lease: {why}"),
+            homes=goal.context.homes.keeper,
         )
         self._again: Again | None = None
         self._planned: Planned | None = None
@@ -111,7 +112,7 @@ class LeasedVehicles(Executor):
             except Refused as e:
                 if time.monotonic() > deadline:
                     raise
-                self._run.text(f"waits: {e.message}")
+                self._goal.text(f"waits: {e.message}")
             await asyncio.sleep(LOOK)
 
     # Flying.
@@ -121,23 +122,22 @@ class LeasedVehicles(Executor):
 
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
         """
-        run = self._run
-        self._again, self._share, self.gone, self._words = again, share, set(), run.entry.text
-        if run.goes and not self._torn:  # a pause may have ended while nothing was flown
+        goal = self._goal
+        self._again, self._share, self.gone, self._words = again, share, set(), goal.entry.text
+        if goal.goes and not self._torn:  # a pause may have ended while nothing was flown
             self.resume()
         else:
             self.pause()
-        watching = asyncio.create_task(self._watch())
-        watching.add_done_callback(self._unwatched)
-        try:
-            return await self.run(self._flight(planned))
-        finally:
-            watching.cancel()
-            self._planned = None
+        async with alongside(self._watch()) as (watching,):
+            watching.add_done_callback(self._unwatched)
+            try:
+                return await self.run(self._flight(planned))
+            finally:
+                self._planned = None
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
-        self._words = self._run.entry.text
+        self._words = self._goal.entry.text
         return await super().follow(conductor, goes)
 
     def resume(self) -> None:
@@ -150,7 +150,7 @@ class LeasedVehicles(Executor):
 
     def world_changed(self) -> None:
         """Where something is in anybody's way all come to rest as soon as they can, and a new plan is made."""
-        planned, context = self._planned, self._run.context
+        planned, context = self._planned, self._goal.context
         if planned is None:
             return
         pieces = context.world.pieces(time.time())
@@ -170,17 +170,17 @@ class LeasedVehicles(Executor):
     @property
     def _margins(self) -> PlanMargins:
         offsets = {name: command.offset for name, command in self.commands.items()}
-        return PlanMargins(self._run.context, self._run.vehicles, offsets)
+        return PlanMargins(self._goal.context, self._goal.vehicles, offsets)
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
-        run = self._run
+        goal = self._goal
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
-        self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
+        self._errors = {name: goal.context.fleet.accuracies.error(name) for name in vehicles}
         most = self.tracking
         tracking = min(most, most + planned.margin - self._margins.needed(most))
-        run.publisher.plan(run.entry.id, time.time(), planned.motions, planned.clearance)
+        goal.publisher.plan(goal.entry.id, time.time(), planned.motions, planned.clearance)
         return Flight(
             motions=planned.motions,
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
@@ -189,21 +189,21 @@ class LeasedVehicles(Executor):
             margin=planned.margin,
             tracking=max(most / TIGHT, tracking),
             movers=self.movers(self.now),
-            tolerance=max(Flight.tolerance, run.context.settings.tracking, most),
+            tolerance=max(Flight.tolerance, goal.context.settings.tracking, most),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )
 
     async def _plan_again(self, trouble: Trouble) -> Flight | None:
         """The executor asks: everybody that goes on rests."""
-        run = self._run
+        goal = self._goal
         self.gone |= set(trouble.gone)
-        if self._again is None or run.stopping:
+        if self._again is None or goal.stopping:
             return None
-        run.context.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
+        goal.context.say("replan", "notice", f"{goal.entry.id}: planned again: {trouble.reason}", goal=goal.entry.id)
         try:
             planned = await self._again(trouble)
         except ZmavError as e:
-            run.failure = e
+            goal.failure = e
             return None
         if planned is None or self._again is None:  # the watch failed meanwhile
             return None
@@ -211,29 +211,29 @@ class LeasedVehicles(Executor):
 
     def movers(self, now: float) -> list[MovingObstacle]:
         """Anyone who is not in this plan and nobody else's, on our UTC."""
-        run, context = self._run, self._run.context
-        kin = context.committed(run.entry.id)
-        taken = context.airspace.vehicles({run.entry.id}) | {mover.id for mover in kin}
-        movers = moving(run.vehicles, context.fleet.all(), context.world.pieces(time.time()), taken)
+        goal, context = self._goal, self._goal.context
+        kin = context.committed(goal.entry.id)
+        taken = context.airspace.vehicles({goal.entry.id}) | {mover.id for mover in kin}
+        movers = moving(goal.vehicles, context.fleet.all(), context.world.pieces(time.time()), taken)
         return kin + [mover.later(now) for mover in movers]
 
     async def _watch(self) -> None:
         """While a plan is flown: its progress, who comes near, whether we hear enough of the fleet."""
-        run = self._run
+        goal = self._goal
         while True:
             await asyncio.sleep(LOOK)
             begin, end = self._share
-            run.progress(begin + (end - begin) * self.progress)
-            hearing = run.context.fleet.hearing()
-            torn = not hearing.may_move(run.vehicles)
+            goal.progress(begin + (end - begin) * self.progress)
+            hearing = goal.context.fleet.hearing()
+            torn = not hearing.may_move(goal.vehicles)
             if torn and not self._torn:
-                run.context.say("partition", "warning", f"{run.entry.id}: {hearing.words()}", goal=run.entry.id)
+                goal.context.say("partition", "warning", f"{goal.entry.id}: {hearing.words()}", goal=goal.entry.id)
                 self.pause()
             elif self._torn and not torn:
-                run.context.say(
-                    "partition", "notice", f"{run.entry.id}: enough of the fleet is heard again", goal=run.entry.id
+                goal.context.say(
+                    "partition", "notice", f"{goal.entry.id}: enough of the fleet is heard again", goal=goal.entry.id
                 )
-                if run.goes:
+                if goal.goes:
                     super().resume()
             self._torn = torn
             self._look_at_positions()
@@ -247,15 +247,15 @@ class LeasedVehicles(Executor):
 
     def _look_at_positions(self) -> None:
         """Who knows much less well where it is than when the plan was made has too little room in it."""
-        if self.phase != "flying" or tight_of(self._run.entry.goal):
+        if self.phase != "flying" or tight_of(self._goal.entry.goal):
             return
         for name, before in self._errors.items():
-            error = self._run.context.fleet.accuracies.error(name)
+            error = self._goal.context.fleet.accuracies.error(name)
             if error > before + max(WORSE, 0.5 * before):
                 self.halt(f"{name} knows its position to ±{error:.1f} m, not to ±{before:.1f} m any more")
                 return
 
     def _tell(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
-        run = self._run
-        run.text(text if severity in ("warning", "error") else self._words)
-        run.context.say(kind, severity, f"{run.entry.id}: {text}", goal=run.entry.id, **detail)
+        goal = self._goal
+        goal.text(text if severity in ("warning", "error") else self._words)
+        goal.context.say(kind, severity, f"{goal.entry.id}: {text}", goal=goal.entry.id, **detail)

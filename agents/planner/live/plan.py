@@ -20,7 +20,7 @@ from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver, SolverDied
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import Motion, places_at
+from agents.planner.model.problem import Motion, MovingObstacle
 from agents.planner.model.scene import Scene
 from agents.planner.model.separation import separation
 from agents.planner.model.verify import Report
@@ -44,10 +44,6 @@ PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
 SOON, LATER = 1.0, 5.0
 """s between two tries to plan where there was no room, or no solver, at least and at most; in between as long as the
 try before took: what takes long to be refused is refused again, and others wait for the solver, too"""
-OVER = 15.0
-"""s before an aircraft passes where a vehicle rests, in which that has no time to fly out of its way: no plan has it
-do so, and all that a solver may try is in vain
-"""
 MOST_DEATHS = 3
 """of the solver, after which a plan is given up: it dies of it"""
 LAYER = 30.0
@@ -142,16 +138,20 @@ class Planner:
         say: Callable[[str], None],
     ) -> Planned:
         """As :meth:`next_to`, where there is room: what other goals have spoken for is waited for, and for a while who
-        is not heard and in the way, and aircraft that pass. ``margins`` is asked before each try, ``say`` told what is
-        waited for.
+        is not heard and in the way, and aircraft that pass. ``margins`` is asked before each try and each second
+        between, so that it may end the wait by what it raises; ``say`` is told what is waited for.
         """
         context, deaths, begun = self._context, 0, time.monotonic()
+        again = begun
         while True:
             wanted = await margins()
             tried = time.monotonic()
+            if tried < again:
+                await asyncio.sleep(min(SOON, again - tried))
+                continue
             if tried < begun + SILENCE and (who := self._over(view.pick(step.vehicles))):
                 say(f"waits for room beside {who}: it is about to pass")
-                await asyncio.sleep(SOON)
+                again = tried + SOON
                 continue
             try:
                 return await self.next_to(step, view, wanted)
@@ -168,18 +168,19 @@ class Planner:
                 if deaths > MOST_DEATHS:
                     raise
                 say(f"planned again: {e.message}")
-            await asyncio.sleep(min(max(SOON, time.monotonic() - tried), LATER))
+            now = time.monotonic()
+            again = now + min(max(SOON, now - tried), LATER)
 
     def _over(self, views: Sequence[VehicleView]) -> str:
-        """The aircraft that is about to pass too near to where one of these rests; empty: none."""
+        """The aircraft that one of these cannot get away from, or is too near to by now; empty: none. No plan has it
+        come nearer, and all that a solver may try is in vain until it has passed.
+        """
         world, downwash = self._context.world, self._context.settings.downwash
         aircraft = {f"@{each.obstacle.name}": each.obstacle.name for each in world.traffic}
         for mover in world.pieces(time.time(), lasting=True).movers if aircraft else ():
-            way = np.column_stack(([0.0, OVER], places_at(mover.motion, np.array([0.0, OVER]))))
-            for view in views:
-                rests = np.array([[0.0, *enu(view.pos_ned)]])
-                near = separation(rests, way, downwash, b_leaves=True)[0] < view.body.radius + mover.radius
-                if near and mover.id in aircraft:
+            for view in views if mover.id in aircraft else ():
+                away = separation(_aside(view, mover), mover.motion, downwash, b_leaves=True)[0]
+                if away < view.body.radius + mover.radius:
                     return aircraft[mover.id]
         return ""
 
@@ -257,6 +258,18 @@ class Planner:
         except BadInput as e:
             return None, e.message
         return Planned(motions, scene, judged.makespan, _wider(judged, margin, views), margin, above), ""
+
+
+def _aside(view: VehicleView, mover: MovingObstacle) -> Motion:
+    """Straight away from the line that it moves along, over the ground, at the vehicle's speed and from now."""
+    begins, ends = mover.motion[0], mover.motion[-1]
+    here = np.array(enu(view.pos_ned))
+    off, (east, north) = here[:2] - begins[1:3], ends[1:3] - begins[1:3]
+    across = np.array([-north, east]) if east or north else off
+    if across @ off < 0.0:
+        across = -across
+    flown = view.body.speed * (ends[0] - begins[0]) * across / max(float(np.linalg.norm(across)), 1e-9)
+    return np.array([[begins[0], *here], [ends[0], *(here[:2] + flown), here[2]]])
 
 
 def _wider(judged: Report, margin: float, views: Sequence[VehicleView]) -> float | None:

@@ -42,14 +42,19 @@ class SolverProcess:
 
     def serve(self, number: int, job: jobs.Job[Any]) -> None:
         try:
-            result = self.do(job)
-        except ZmavError as e:
-            result = e
+            data = jobs.frame(jobs.Done(number, self._ended(job)))
         except Exception as e:  # a fault of ours is told like any other: the next job has a map of its own
             traceback.print_exc()
             self._static = None
-            result = ZmavError(f"the solver's own fault: {e!r}")
-        jobs.write(self._out, jobs.Done(number, result))
+            data = jobs.frame(jobs.Done(number, ZmavError(f"the solver's own fault: {e!r}")))
+        jobs.send(self._out, data)
+
+    def _ended(self, job: jobs.Job[Any]) -> Any:
+        """What was found, or the typed error of what cannot be."""
+        try:
+            return self.do(job)
+        except ZmavError as e:
+            return e
 
     def do(self, job: jobs.Job[Any]) -> Any:
         """What was found; raises the typed error of what cannot be. No plan is found that the verifier objects to."""

@@ -5,6 +5,7 @@ On the wire everything is NED about the fleet's origin, heights are metres above
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -90,7 +91,7 @@ class World:
     def __init__(self) -> None:
         self._told: dict[str, KnownObstacle] = {}
         self._gone: dict[str, tuple[float, float]] = {}
-        """by the name of what is gone: the ``t`` of the last word of it, and until when an older one is overtaken"""
+        """by the name of what is gone: the ``t`` from which on a word of it holds, and until when no older one does"""
         self.fence: swarm.Obstacle | None = None
         """the fleet file's geofence: it holds again where another one is gone"""
         self.revision = 0
@@ -106,13 +107,13 @@ class World:
     def give(self, obstacle: swarm.Obstacle, now: float) -> bool:
         """Something is there, has moved or is gone; True where that is news.
 
-        There is one fence: the last one given. Raises :class:`BadInput` where there are too many.
+        There is one fence: the newest one given. Raises :class:`BadInput` where there are too many.
         """
         name, what = obstacle.name, obstacle.what
         before = self._told.get(name)
         if before is not None and obstacle.t < before.obstacle.t:
             return False  # overtaken on the way
-        if name in self._gone and obstacle.t <= self._gone[name][0] and now < self._gone[name][1]:
+        if name in self._gone and obstacle.t < self._gone[name][0] and now < self._gone[name][1]:
             return False
         if what is None:
             return self._drop(name, obstacle.t, now, ordered=True)
@@ -120,8 +121,12 @@ class World:
             text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; remove some"
             raise BadInput(text, field="obstacle", value=name, expected=f"at most {MOST_OBSTACLES}")
         if isinstance(what, swarm.Geofence):
-            for other in [n for n, told in self._told.items() if n != name and _is_fence(told)]:
-                self._forget(other, self._told.pop(other).obstacle.t, now)
+            others = {n: told.obstacle.t for n, told in self._told.items() if n != name and _is_fence(told)}
+            if any(obstacle.t < t < obstacle.t + LATE for t in others.values()):
+                return False  # it was to be replaced by the one that has overtaken it
+            for other in others:
+                del self._told[other]
+                self._forget(other, obstacle.t, now, over=True)
         elif before is not None and _is_fence(before):
             self._restore(before)
         self._told[name] = KnownObstacle(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
@@ -140,7 +145,7 @@ class World:
     def follow(self, obstacles: list[swarm.Obstacle], now: float, t: float) -> None:
         """Know what another planner knows: no more, and what is to be forgotten as late as it does."""
         for name in set(self._told) - {each.name for each in obstacles}:
-            del self._told[name]
+            self._forget(name, self._told.pop(name).obstacle.t, now)
             self.revision += 1
         for obstacle in obstacles:
             left = None if obstacle.ttl is None else max(0.1, obstacle.t + obstacle.ttl - t)
@@ -151,7 +156,7 @@ class World:
     def _drop(self, name: str, t: float, now: float, ordered: bool = False) -> bool:
         """By a word of ``t``. ``ordered``: somebody took it away by its name, the fleet file's fence too."""
         gone = self._told.pop(name, None)
-        self._forget(name, t, now)
+        self._forget(name, t, now, over=ordered)
         if gone is None:
             return False
         self.revision += 1
@@ -159,9 +164,12 @@ class World:
             self._restore(gone)
         return True
 
-    def _forget(self, name: str, t: float, now: float) -> None:
+    def _forget(self, name: str, t: float, now: float, over: bool = False) -> None:
+        """It is gone by a word of ``t``. ``over``: a word of that very ``t`` does not bring it back; else it does, for
+        a program says what stands still again as it was.
+        """
         self._gone.pop(name, None)
-        self._gone[name] = t, now + LATE
+        self._gone[name] = math.nextafter(t, math.inf) if over else t, now + LATE
         if len(self._gone) > MOST_OBSTACLES:
             del self._gone[next(iter(self._gone))]
 

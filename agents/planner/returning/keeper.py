@@ -7,6 +7,7 @@ with the same segment, or none.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -61,8 +62,8 @@ class ReturnKeeper:
         self._missing: dict[str, float] = {}
         """since when each has none; those of whom that was told"""
         self._told: set[str] = set()
-        self._layers: list[str] = []
-        """who has which layer, by its place in the list"""
+        self._layers: dict[str, int] = {}
+        """which layer each has, counted from the lowest"""
         self._busy: dict[str, Floats] = {}
         self._looked = -np.inf
         self.found = self.none = 0
@@ -119,9 +120,16 @@ class ReturnKeeper:
     # What becomes of vehicles.
 
     def forget(self, vehicle: str) -> None:
-        """It is down, or somebody else has it: it flies nothing of ours."""
+        """It is down, or somebody else has it: it flies nothing of ours. Its layer is free for another."""
         self.futures.forget(vehicle)
+        self._layers.pop(vehicle, None)
+        self._yielded.pop(vehicle, None)
         self.idle(vehicle)
+
+    def drop(self, vehicle: str) -> None:
+        """As :meth:`forget`, and it is gone for good: nothing is known of it any more."""
+        self.forget(vehicle)
+        self.last.pop(vehicle, None)
 
     def idle(self, vehicle: str) -> None:
         """As :meth:`forget`, and its plan goes on: it has no way home until it flies on, and that is not missed."""
@@ -182,8 +190,9 @@ class ReturnKeeper:
 
     def _layer(self, vehicle: str) -> int:
         if vehicle not in self._layers:
-            self._layers.append(vehicle)
-        return self._layers.index(vehicle)
+            taken = set(self._layers.values())
+            self._layers[vehicle] = next(layer for layer in itertools.count() if layer not in taken)
+        return self._layers[vehicle]
 
     def _busy_for(self, vehicle: str, now: float) -> Floats:
         """(K, 2): where the plans of the others lead from now on."""

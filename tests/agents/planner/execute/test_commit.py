@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -160,3 +162,14 @@ def test_who_goes_first_is_known_however_long_a_plan_lasts() -> None:
     assert order.allows(1, late + 31.0, stops) is None
     assert order.allows(1, second.track.end, stops) == 0
     assert order.allows(1, second.track.end, np.array([first.track.end, np.inf])) is None
+
+
+def test_who_rests_side_by_side_for_long_costs_no_square_of_that_time() -> None:
+    """A plan of 4000 s held up the agent's loop for 22 s, one of 9000 s would for two minutes."""
+    beside = [("first", 0.0), ("second", 2.3)]  # by what they need, and a bit more
+    Order([part_of(name, (x, 0.0), (x, 10.0)) for name, x in beside], 1.5)  # it may have to be compiled
+    parts = [part_of(name, (x, 0.0), (x, 10.0), delay=9000.0) for name, x in beside]
+    begun = time.process_time()
+    order = Order(parts, 1.5)
+    assert time.process_time() - begun < 10.0
+    assert order.first.max() == -1

@@ -22,7 +22,7 @@ from zmav import keys, wire
 from zmav.errors import BadInput, Forbidden, Refused, TimedOut
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
-from zmav.waiting import within
+from zmav.waiting import alongside, within
 from zmav.wire import swarm
 
 PATIENCE_S = 30.0
@@ -166,9 +166,9 @@ async def test_the_planner_that_is_in_charge_is_asked_and_no_other(net: Net) -> 
             with query:
                 query.reply(str(query.key_expr), outcome)
 
-        async def says(name: str) -> None:
+        async def says(name: str, term: int) -> None:
             while True:
-                told = swarm.Charge(t=time.time(), planner=name, instance=name, term=1)
+                told = swarm.Charge(t=time.time(), planner=name, instance=name, term=term)
                 ground.session.put(charge, wire.encode(told))
                 await asyncio.sleep(0.05)
 
@@ -186,14 +186,40 @@ async def test_the_planner_that_is_in_charge_is_asked_and_no_other(net: Net) -> 
         await within(PATIENCE_S, named())
         with pytest.raises(Refused, match="first, second: standing by"):
             await within(PATIENCE_S, find(z))
-        for name in ("first", "second"):
-            saying = asyncio.create_task(says(name))
-            if name == "first":
-                with pytest.raises(Refused, match="busy"):
-                    await within(PATIENCE_S, find(z))
-            else:
-                assert (await within(PATIENCE_S, find(z))).name == "second"
-            saying.cancel()
+        async with alongside(says("first", 1)):
+            with pytest.raises(Refused, match="busy"):
+                await within(PATIENCE_S, find(z))
+            async with alongside(says("second", 1)):  # whom a rival is heard beside, and gives way to
+                for _ in range(3):
+                    assert (await within(PATIENCE_S, find(z))).name == "second"
+        async with alongside(says("second", 1), says("first", 2)):
+            with pytest.raises(Refused, match="busy"):
+                await within(PATIENCE_S, find(z))
+
+
+async def test_one_that_has_stepped_down_is_not_given_as_in_charge(net: Net) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as ground, zmav.open(connect=[endpoint]) as z:
+        asked = list[bool]()
+
+        def answer(query: zenoh.Query) -> None:
+            asked.append(len(asked) > 0)
+            status = {"planner": "ground", "in_charge": asked[-1]}
+            with query:
+                outcome = wire.Outcome(verb="status", status="done", took=0.0, result=status)
+                query.reply(str(query.key_expr), wire.encode(outcome))
+
+        async def says() -> None:
+            while True:
+                told = swarm.Charge(t=time.time(), planner="ground", instance="1", term=1)
+                ground.session.put(keys.FLEET.key("demo", topic="charge"), wire.encode(told))
+                await asyncio.sleep(0.05)
+
+        there = ground.session.declare_queryable(keys.SWARM.key("demo", "ground", verb="status"), answer)
+        async with alongside(says()):
+            assert (await within(PATIENCE_S, find(z))).status["in_charge"]
+        assert asked == [False, True]
+        there.undeclare()
 
 
 async def test_a_goal_is_waited_for_by_the_clock_and_not_by_books(net: Net) -> None:

@@ -138,6 +138,10 @@ def test_typed_errors_cross_the_pipe() -> None:
     error = jobs.read(out)
     assert isinstance(error, PlanError)
     assert (error.kind, error.ids, error.message) == ("unreachable", ["a"], "no way")
+    wrong = jobs.read(io.BytesIO(jobs.frame(BadInput.wrong("at", (1.0, 2.0), "one place for each"))))
+    assert isinstance(wrong, BadInput)
+    assert wrong.message == "at is (1.0, 2.0); expected one place for each"
+    assert wrong.detail == {"field": "at", "value": (1.0, 2.0), "expected": "one place for each"}
 
 
 def test_numbers_of_no_world_are_a_typed_error_before_a_map_is_made_of_them() -> None:
@@ -152,9 +156,23 @@ def test_a_scene_that_cannot_be_judged_is_a_typed_error_too() -> None:
     assert served(jobs.Solve(wrong)).detail["kind"] == "invalid_scene"
 
 
-def served(job: jobs.Job[Any]) -> ZmavError:
+class Odd(SolverProcess):
+    """Finds what does not go through a pipe."""
+
+    def do(self, job: jobs.Job[Any]) -> Any:
+        if isinstance(job, jobs.Judge):
+            raise BadInput("wrong", value=lambda: None)
+        return lambda: None
+
+
+@pytest.mark.parametrize("job", [jobs.Judge(scene(), {}), jobs.Solve(scene())])
+def test_what_cannot_be_told_is_a_fault_that_is_told_and_ends_nothing(job: jobs.Job[Any]) -> None:
+    assert "the solver's own fault" in served(job, Odd).message
+
+
+def served(job: jobs.Job[Any], process: type[SolverProcess] = SolverProcess) -> ZmavError:
     out = io.BytesIO()
-    SolverProcess(out).serve(7, job)
+    process(out).serve(7, job)
     out.seek(0)
     failed = jobs.read(out)
     assert isinstance(failed.result, ZmavError)

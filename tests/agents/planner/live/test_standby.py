@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import msgspec
+
 import zmav
 from agents.planner.live.agent import Agent
 from agents.planner.live.settings import FENCE, PlannerSettings
@@ -74,4 +76,6 @@ async def test_a_map_that_was_overtaken_brings_nothing_back(net: Net) -> None:
         assert kept(1000.0, "oak", "elm") == ["elm", "oak"]
         assert kept(1005.0, "oak") == ["oak"]
         assert kept(1000.0, "oak", "elm") == ["oak"]
+        agent.on_obstacle(wire.encode(msgspec.structs.replace(tree("ash"), t=1010.0)))
+        assert kept(1000.0, "oak", "elm") == ["ash", "oak"], "nor does it take away what was told since"
         assert kept(5.0, "oak", "elm") == ["elm", "oak"], "its clock was set back: no map is late for so long"

@@ -18,7 +18,7 @@ from agents.planner.live.fleet import Hearing
 from agents.planner.live.plan import LATER, SOON, Margins, Planned, Planner
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.traffic import MOST, RENEWED, TrafficWatch
-from agents.planner.live.world import World
+from agents.planner.live.world import Passing, World
 from agents.planner.model.errors import PlanError
 from ground.traffic.feeds import Feed
 from ground.traffic.program import TrafficProgram, TrafficSettings
@@ -125,9 +125,10 @@ async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: p
 
     monkeypatch.setattr(time, "monotonic", lambda: now)
     monkeypatch.setattr(asyncio, "sleep", sleep)
-    planner = Stubborn(world, 0.1, 15.0, 2.0, 40.0)
+    planner, asked = Stubborn(world, 0.1, 15.0, 2.0, 40.0), list[float]()
 
     async def margins() -> Margins:
+        asked.append(now)
         return [(0.5, 1.0)]
 
     fleet = FleetView({"quad1": VehicleView("quad1", "copter", body_of("copter"), (0.0, 0.0, -50.0))})
@@ -135,6 +136,8 @@ async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: p
         await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, said.append)
     assert planner.tried == pytest.approx([0.0, 0.1 + SOON, 16.1 + LATER, 23.1 + 2.0])
     assert said == ["waits for room beside traffic 000001: no way"] * 3
+    waited = [each for each in asked if 16.1 <= each <= 16.1 + LATER]
+    assert waited == pytest.approx([16.1 + SOON * k for k in range(6)]), "who wants it to end is heard meanwhile"
     # Nor at all while one is about to pass over who rests, and nobody has time to fly out of its way.
     begun, said, planner.takes, planner.tried = now, list[str](), [0.1], []
 
@@ -148,6 +151,33 @@ async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: p
         await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, passes)
     assert said == ["waits for room beside traffic 000002: it is about to pass"] * 3
     assert planner.tried == pytest.approx([begun + 3.0 * SOON])
+
+
+@pytest.mark.parametrize(
+    ("aside", "away", "in_vain"),
+    [(155.0, 600.0, False), (100.0, 600.0, False), (0.0, 600.0, True), (155.0, 0.0, True), (155.0, -600.0, False)],
+)
+async def test_a_plan_is_tried_where_there_is_time_to_get_out_of_an_aircraft_s_way(
+    aside: float, away: float, in_vain: bool
+) -> None:
+    """One is ``away`` m from passing the copter at ``aside`` m, at 40 m/s: a ball of 160 m, the copter does 5 m/s."""
+    world = World()
+    ball = swarm.Ball(center=(away, aside, -50.0), radius=160.0, velocity=(-40.0, 0.0, 0.0))
+    world.traffic = [Passing(swarm.Obstacle(name="traffic 1", t=time.time(), what=ball), 0.0)]
+    planner = Stubborn(world, 0.0)
+
+    class Ended(Exception):
+        pass
+
+    def say(text: str) -> None:
+        raise Ended(text)
+
+    async def margins() -> Margins:
+        return [(0.5, 1.0)]
+
+    fleet = FleetView({"quad1": VehicleView("quad1", "copter", body_of("copter"), (0.0, 0.0, -50.0))})
+    with pytest.raises(Ended, match="it is about to pass" if in_vain else "no way"):
+        await planner.patiently(PlanTo(("quad1",), np.zeros((1, 3))), fleet, margins, say)
 
 
 def test_what_is_far_or_stands_is_no_obstacle_and_the_nearest_are_few() -> None:

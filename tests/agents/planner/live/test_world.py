@@ -83,7 +83,9 @@ def test_what_is_gone_does_not_come_back_by_a_late_word() -> None:
     assert not world.give(told("b", BOX, t=2.0), 4.0)
     world.give(told("c", BOX, t=3.0, ttl=2.0), 3.0)
     world.expire(5.0)
-    assert not world.give(told("c", BOX, t=3.0, ttl=2.0), 5.5), "the very word that was forgotten"
+    assert not world.give(told("c", BOX, t=2.0, ttl=2.0), 5.5)
+    assert world.give(told("c", BOX, t=3.0, ttl=2.0), 5.5), "a program says again what it said: it stands there still"
+    world.expire(7.5)
     square = [(0.0, 0.0), (50.0, 0.0), (50.0, 40.0)]
     old = told("old", swarm.Geofence(polygon=square, floor=0.0, ceiling=20.0), t=1.0)
     world.give(old, 6.0)
@@ -93,6 +95,28 @@ def test_what_is_gone_does_not_come_back_by_a_late_word() -> None:
     assert world.give(told("a", BOX, t=3.5), 8.0), "who puts it again means it"
     world.expire(4.0 + LATE)
     assert world.give(told("b", BOX, t=2.0), 4.0 + LATE), "its clock was set back: nothing is late for so long"
+
+
+def test_a_late_word_brings_no_fence_back_that_was_replaced() -> None:
+    square = [(0.0, 0.0), (50.0, 0.0), (50.0, 40.0)]
+    own = told("fleet-file", swarm.Geofence(polygon=square, floor=0.0, ceiling=20.0))
+
+    def fence(name: str, t: float) -> swarm.Obstacle:
+        return told(name, swarm.Geofence(polygon=square, floor=0.0, ceiling=t), t=t)
+
+    world = World()
+    world.fence = own
+    world.give(own, 0.0)
+    assert world.give(fence("a", 100.0), 1.0)
+    assert world.give(fence("b", 110.0), 2.0)
+    assert not world.give(fence("a", 105.0), 3.0), "it was on its way when the other was given"
+    assert not world.give(fence("c", 90.0), 3.0), "never heard before, and older than the one that holds"
+    assert world.obstacles == [fence("b", 110.0)]
+    assert world.give(told("b", None, t=120.0), 4.0)
+    assert not world.give(fence("a", 105.0), 5.0)
+    assert world.obstacles == [own]
+    assert world.give(fence("c", 90.0), 6.0), "the fleet file's is older than any"
+    assert world.give(fence("d", 90.0 - LATE), 7.0), "its clock was set back: nothing is late for so long"
 
 
 def test_of_what_is_gone_no_more_is_remembered_than_of_what_is_there() -> None:
@@ -143,6 +167,15 @@ def test_a_standby_knows_what_the_chief_knows() -> None:
     assert other.find("c") is not None
     other.expire(10.0)
     assert other.find("c") is None
+
+
+def test_what_its_leader_forgot_comes_back_to_a_standby_by_no_older_word() -> None:
+    other = World()
+    other.give(told("gone", BOX, t=50.0), 0.0)
+    other.follow([], now=7.0, t=52.0)
+    assert not other.give(told("gone", BOX, t=49.0), 8.0)
+    assert other.obstacles == []
+    assert other.give(told("gone", BOX, t=50.0), 8.0), "perhaps it was only not said again in time: then it is now"
 
 
 def test_too_many_obstacles_are_refused() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Bounds, Box, Fence, NoFly, Obstacle, Scene
 from agents.planner.returning.finder import LANDS_FROM, MOST_TRIES, Clear, Finder, Returner, Surroundings
 from agents.planner.returning.futures import Futures, StoredWay
+from agents.planner.returning.keeper import ReturnKeeper
 from agents.planner.returning.ways import Pace, Way
 
 PACE = Pace(5.0, 3.0, 1.5, 2.5)
@@ -218,3 +220,29 @@ def test_no_way_is_looked_at_after_the_most_that_are() -> None:
     everywhere = MovingObstacle("cloud", np.array([[NOW, 0.0, 0.0, 0.0]]), 1e4)
     assert finder(clear=anything, movers=(everywhere,)).find(HERE, READY, NOW, 0) is None
     assert len(asked) < MOST_TRIES
+
+
+def test_the_layer_of_one_that_is_gone_is_given_to_another() -> None:
+    """The first layers are the shortest ways home, and there are only so many."""
+    crew = {f"v{k}": part(f"v{k}", HERE + np.array([0.0, 20.0 * k, 0.0])) for k in range(4)}
+    homes = {
+        name: Returner((0.0, float(each.track.pos[0, 1]), 0.0), PACE, 13.0, math.inf) for name, each in crew.items()
+    }
+
+    def around(names: Sequence[str], lowest: float, spacing: float) -> Surroundings:
+        return Surroundings(anywhere, (), lowest, 100.0, spacing)
+
+    keeper = ReturnKeeper(1.5, lambda: homes, around, lambda vehicle, why: None)
+
+    def height(name: str) -> float:
+        keeper.begin([crew[name]], NOW)
+        way = keeper.home(crew[name], crew[name].known, READY, NOW)
+        assert way is not None
+        keeper.sent(crew[name], (1, 1), READY)
+        return float(way.corners[:, 2].max())
+
+    first, second = height("v0"), height("v1")
+    assert first < second
+    keeper.drop("v0")
+    assert list(keeper.last) == ["v1"]
+    assert [height("v2"), height("v3")] == pytest.approx([first, second + second - first])
