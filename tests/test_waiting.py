@@ -159,6 +159,8 @@ async def test_what_runs_alongside_has_ended_when_the_block_raises() -> None:
 
 
 async def test_an_error_alongside_that_nobody_looks_at_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    gc.collect()  # what an earlier test left
+    caplog.clear()
     async with alongside(fail()) as (task,):
         await asyncio.wait({task})
     del task
@@ -177,6 +179,8 @@ async def test_an_error_alongside_that_is_looked_at_or_comes_of_the_end_is_not_l
         finally:
             raise ValueError("it was cancelled")
 
+    gc.collect()  # what an earlier test left
+    caplog.clear()
     async with alongside(fail(), fail_at_the_end()) as (task, _):
         await asyncio.wait({task})
         assert isinstance(task.exception(), KeyError)

@@ -285,10 +285,10 @@ class FleetOrder:
             self._note(f"{goal} of planner {planner} is not known to be cancelled: {e.message}")
 
 
-async def planner_in_charge(z: Client, fleet: str, timeout: float) -> tuple[str, str] | None:
+async def planner_in_charge(z: Client, fleet: str, timeout: float, rivals: float = 0.0) -> tuple[str, str] | None:
     """Fleet and name of the planner in charge, by its own word; None: none is heard within ``timeout`` s. ``fleet`` may
-    be ``*``. Where two say so, as when a network has been torn, it is the one that the other gives way to: the highest
-    by term and instance.
+    be ``*``. Two may say so for seconds, as when a network has been torn: of those that are heard within ``rivals`` s
+    after the first it is the highest by term and instance.
     """
 
     def convert(sample: zenoh.Sample) -> tuple[int, str, str, str]:
@@ -304,7 +304,7 @@ async def planner_in_charge(z: Client, fleet: str, timeout: float) -> tuple[str,
             while (left := until - time.monotonic()) > 0.0:
                 heard = await within(left, told.get())
                 if highest is None:
-                    until = time.monotonic() + BEAT
+                    until = time.monotonic() + rivals
                 highest = heard if highest is None else max(highest, heard)
     return None if highest is None else highest[2:]
 

@@ -60,11 +60,15 @@ _WRITING = frozenset(
     }
 )
 """requests that change what they name. WRITE_FILE names a session: what has opened that is judged"""
-_PX4_KEEPS = re.compile(r"/fs/mtd.*|(/fs/microsd)?/(dataman|params|eeprom(/.*)?|param[^/]*\.bs[^/]*)")
+_KEPT = re.compile(
+    r"/fs/mtd.*|(/fs/microsd)?/(dataman|params|eeprom(/.*)?|param[^/]*\.bs[^/]*)"
+    r"|.*\.stg|/apm/strg_bak/.*|/eeprom\.bin"
+)
 """where PX4 keeps missions, fences and rally points (dataman; some boards: mtd_waypoints) and parameters (mtd_params,
 params, parameters.bson, in older simulators eeprom/parameters) with their backups: on a board's card and flash, and at
 the root of a simulated one. In lower case: the card's FAT makes no difference. Sources: PX4 1.16, dataman.cpp
-(PX4_STORAGEDIR), ROMFS/px4fmu_common/init.d/rcS and init.d-posix/rcS (param select, param select-backup)
+(PX4_STORAGEDIR), ROMFS/px4fmu_common/init.d/rcS and init.d-posix/rcS (param select, param select-backup). And where
+ArduPilot does on a card (HAL_STORAGE_FILE, AP_MISSION_SDCARD_FILENAME), their backups, and a simulated one's storage
 """
 
 
@@ -159,10 +163,12 @@ def check_written(path: str) -> None:
     to a generated file for a plan or for parameters, and PX4 reads its own from files. Nobody would have judged them.
     """
     plain = posixpath.normpath("/" + path.lstrip("/"))
-    if is_generated(path) or is_generated(plain):  # ArduPilot looks at how a path begins, and normalises none
+    if ".." in path.split("/"):  # a simulated PX4 follows it out of its own root, and back in
+        what = "climbs, and what it leads to is not known here"
+    elif is_generated(path) or is_generated(plain):  # ArduPilot looks at how a path begins, and normalises none
         what = "is no file on the autopilot's disk"
-    elif _PX4_KEEPS.fullmatch(plain.casefold().rstrip(". ")):
-        what = "is where PX4 keeps plans or parameters"
+    elif _KEPT.fullmatch(plain.casefold().rstrip(". ")):
+        what = "is where an autopilot keeps plans or parameters"
     else:
         return
     text = f"{path} {what}: mission_upload writes plans, and param_set parameters"

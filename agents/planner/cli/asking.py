@@ -16,7 +16,7 @@ import zmav
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused
 from zmav.subscription import document
-from zmav.swarm import order_planner, planner_in_charge
+from zmav.swarm import BEAT, order_planner, planner_in_charge
 from zmav.tokens import find_tokens
 from zmav.wire import swarm
 
@@ -74,7 +74,7 @@ async def find(z: zmav.Client) -> Planner:
     fleet = z.fleet_name
     if fleet == "*":
         raise BadInput("say which fleet: --fleet NAME", field="fleet", value="*", expected="one fleet")
-    found = await planner_in_charge(z, fleet, LOOK)
+    found = await planner_in_charge(z, fleet, LOOK, BEAT)
     others, ends = await planners(z) if found is None else [found[1]], time.monotonic() + TAKES_OVER
     if not others:
         raise NoSuchVehicle(NOBODY.format(fleet=fleet), fleet=fleet)
@@ -86,7 +86,7 @@ async def find(z: zmav.Client) -> Planner:
         if (left := ends - time.monotonic()) <= 0.0:
             text = f"{', '.join(others)}: standing by, and nobody is in charge yet; ask again in a few seconds"
             raise Refused(text, standby=others)
-        found = await planner_in_charge(z, fleet, left)
+        found = await planner_in_charge(z, fleet, left, BEAT)
 
 
 async def planners(z: zmav.Client) -> list[str]:

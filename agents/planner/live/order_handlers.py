@@ -189,6 +189,11 @@ class OrderHandlers:
     async def _obstacle(self, args: swarm.GiveObstacle, report: Report, origin: Origin | None) -> dict[str, Any]:
         check_obstacle(args.obstacle)
         text = self._context.take_obstacle(args.obstacle, _by(origin))
+        known = self._context.world.find(args.obstacle.name)
+        if (None if known is None else known.what) != args.obstacle.what:
+            what = f"what is known of {args.obstacle.name}, or another geofence,"
+            why = "is newer by the clock of the one who gave it: look at both clocks, and give it again"
+            raise Refused(f"overtaken: {what} {why}", field="obstacle", reason="overtaken")
         if text:
             self._context.say("world", "info", text)
         return {"news": bool(text), "obstacles": len(self._context.world.obstacles)}

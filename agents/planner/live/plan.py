@@ -179,8 +179,8 @@ class Planner:
         aircraft = {f"@{each.obstacle.name}": each.obstacle.name for each in world.traffic}
         for mover in world.pieces(time.time(), lasting=True).movers if aircraft else ():
             for view in views if mover.id in aircraft else ():
-                away = separation(_aside(view, mover), mover.motion, downwash, b_leaves=True)[0]
-                if away < view.body.radius + mover.radius:
+                tried = [separation(way, mover.motion, downwash, b_leaves=True)[0] for way in _ways_out(view, mover)]
+                if max(tried) < view.body.radius + mover.radius:
                     return aircraft[mover.id]
         return ""
 
@@ -260,16 +260,19 @@ class Planner:
         return Planned(motions, scene, judged.makespan, _wider(judged, margin, views), margin, above), ""
 
 
-def _aside(view: VehicleView, mover: MovingObstacle) -> Motion:
-    """Straight away from the line that it moves along, over the ground, at the vehicle's speed and from now."""
+def _ways_out(view: VehicleView, mover: MovingObstacle) -> list[Motion]:
+    """Straight away from where it is, and from the line that it moves along: over the ground, at the vehicle's speed
+    and from now.
+    """
     begins, ends = mover.motion[0], mover.motion[-1]
     here = np.array(enu(view.pos_ned))
     off, (east, north) = here[:2] - begins[1:3], ends[1:3] - begins[1:3]
-    across = np.array([-north, east]) if east or north else off
-    if across @ off < 0.0:
-        across = -across
-    flown = view.body.speed * (ends[0] - begins[0]) * across / max(float(np.linalg.norm(across)), 1e-9)
-    return np.array([[begins[0], *here], [ends[0], *(here[:2] + flown), here[2]]])
+    across = np.array([-north, east])
+    ways = []
+    for way in (off, across if across @ off >= 0.0 else -across):
+        flown = view.body.speed * (ends[0] - begins[0]) * way / max(float(np.linalg.norm(way)), 1e-9)
+        ways.append(np.array([[begins[0], *here], [ends[0], *(here[:2] + flown), here[2]]]))
+    return ways
 
 
 def _wider(judged: Report, margin: float, views: Sequence[VehicleView]) -> float | None:

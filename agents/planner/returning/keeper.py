@@ -132,7 +132,7 @@ class ReturnKeeper:
         self.last.pop(vehicle, None)
 
     def idle(self, vehicle: str) -> None:
-        """As :meth:`forget`, and its plan goes on: it has no way home until it flies on, and that is not missed."""
+        """Its plan goes on, and it rests: it has no way home until it flies on, and that is not missed."""
         self.futures.stored.pop(vehicle, None)
         self._missing.pop(vehicle, None)
         self._told.discard(vehicle)

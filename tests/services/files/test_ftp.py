@@ -88,7 +88,7 @@ async def test_plans_and_parameters_are_not_written_past_their_judges(
         for path in ("@MISSION/mission.dat", "/@MISSION/mission.dat", "@PARAM/param.pck"):
             with pytest.raises(BadInput, match="no file on the autopilot's disk: mission_upload writes plans"):
                 await d.v.files.put_bytes(data, path)
-        with pytest.raises(BadInput, match="where PX4 keeps plans or parameters: mission_upload writes plans"):
+        with pytest.raises(BadInput, match="where an autopilot keeps plans or parameters: mission_upload writes plans"):
             await d.v.files.remove("/fs/microsd/dataman")
         assert len(d.world.vehicles[0].copter.mission) <= 1  # home
         assert (await d.v.files.get("@MISSION/mission.dat", tmp_path)).read_bytes()[:2] == data[:2]  # it can be read
@@ -103,12 +103,16 @@ async def test_plans_and_parameters_are_not_written_past_their_judges(
         "/fs/mtd_params",
         "/fs/mtd_waypoints",
         "fs//microsd/./dataman",
-        "/fs/microsd/log/../DATAMAN",
+        "/fs/microsd//DATAMAN",
+        "/../rootfs/dataman",
+        "/APM/ArduCopter.stg",
+        "/APM/mission.stg",
+        "/APM/STRG_BAK/x.bin",
+        "eeprom.bin",
         "/dataman",
         "./parameters.bson",
         "/eeprom/parameters",
         "./@MISSION/mission.dat",
-        "x/../@PARAM/param.pck",
         "@PARAM/../x",
     ],
 )

@@ -104,7 +104,7 @@ def is_ours(ack: Mapping[str, Any], port: Port) -> bool:
 
 def one_waits(loop: asyncio.AbstractEventLoop, call: Callable[[Any], object]) -> Callable[[Any], None]:
     """As :func:`on_loop`, for an intake: one call at a time waits for the loop. Where that is busy for longer than
-    :data:`BUSY_S`, the next one takes its place: the newest is what is called with, however late.
+    :data:`BUSY_S`, the next one takes its place, whatever that was: the newest is what is called with, however late.
     """
     room, newest = threading.Semaphore(), collections.deque[Any](maxlen=1)
 

@@ -10,7 +10,7 @@ import pytest
 from agents.planner.execute.commit import TAKING, Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import CommonClock, Profile, Track, knots, onward
-from agents.planner.model.problem import MovingObstacle
+from agents.planner.model.problem import Motion, MovingObstacle
 from tests.agents.planner.execute.virtual import carousel, line
 
 
@@ -129,21 +129,32 @@ def test_who_crosses_second_waits_for_the_first_and_the_first_for_nobody() -> No
     assert order.allows(1, 5.0, np.zeros(2)) is None
 
 
-def test_the_order_is_the_same_by_brute_force() -> None:
-    parts = [Part(k, Track(m), 1.0, 2.5, 0.0, Offset()) for k, m in carousel(5, 4.0, turn=6.0).items()]
+def drawn(seed: int) -> dict[str, Motion]:
+    """Five that go here and there in a small square, rest on the way, and pass each other near."""
+    rng, motions = np.random.default_rng(seed), {}
+    for k in range(5):
+        places = rng.uniform(0.0, 9.0, (5, 3)) * (1.0, 1.0, 0.0)
+        places[2] = places[1]
+        motions[f"v{k}"] = np.column_stack((np.cumsum(rng.uniform(1.0, 5.0, 5)) - 1.0, places))
+        motions[f"v{k}"][0, 0] = 0.0
+    return motions
+
+
+@pytest.mark.parametrize("motions", [carousel(5, 4.0, turn=6.0), *map(drawn, range(6))])
+def test_the_order_is_the_same_by_brute_force(motions: dict[str, Motion]) -> None:
+    parts = [Part(k, Track(m), 1.0, 2.5, 0.0, Offset()) for k, m in motions.items()]
     order = Order(parts, 1.5)
     moments = np.arange(order.count, dtype=np.float64) * 0.25
     places = np.array([part.track.at(moments)[0] for part in parts])
+    places[:, :, 2] /= 1.5
+    earlier = np.arange(order.count)[:, None] < np.arange(order.count) - 1
     for k in range(len(parts)):
         for i in range(len(parts)):
-            for b in (10, 20, order.count - 1):
-                near = [
-                    a
-                    for c in range(b + 1)
-                    for a in range(c - 1)
-                    if i != k and np.linalg.norm(places[i, a] - places[k, c]) < 2.0
-                ]
-                assert order.first[k, i, b] == max(near, default=-1)
+            near = (
+                np.linalg.norm(places[i, :, None] - places[k, None, :], axis=2) < 2.0 if i != k else np.zeros(1, bool)
+            )
+            last = np.where(near & earlier, np.arange(order.count)[:, None], -1).max(axis=0)
+            assert order.first[k, i].tolist() == np.maximum.accumulate(last).tolist()
 
 
 @pytest.mark.parametrize("n", [1, 2])

@@ -154,15 +154,22 @@ async def test_while_one_passes_no_plan_is_asked_for_all_the_time(monkeypatch: p
 
 
 @pytest.mark.parametrize(
-    ("aside", "away", "in_vain"),
-    [(155.0, 600.0, False), (100.0, 600.0, False), (0.0, 600.0, True), (155.0, 0.0, True), (155.0, -600.0, False)],
+    ("aside", "away", "speed", "in_vain"),
+    [
+        (155.0, 600.0, 40.0, False),
+        (100.0, 600.0, 40.0, False),
+        (0.0, 600.0, 40.0, True),
+        (155.0, 0.0, 40.0, True),
+        (155.0, -600.0, 40.0, False),
+        (0.0, 180.0, 3.0, False),  # slower than the copter
+    ],
 )
 async def test_a_plan_is_tried_where_there_is_time_to_get_out_of_an_aircraft_s_way(
-    aside: float, away: float, in_vain: bool
+    aside: float, away: float, speed: float, in_vain: bool
 ) -> None:
-    """One is ``away`` m from passing the copter at ``aside`` m, at 40 m/s: a ball of 160 m, the copter does 5 m/s."""
+    """One is ``away`` m from passing the copter at ``aside`` m: a ball of 160 m, the copter does 5 m/s."""
     world = World()
-    ball = swarm.Ball(center=(away, aside, -50.0), radius=160.0, velocity=(-40.0, 0.0, 0.0))
+    ball = swarm.Ball(center=(away, aside, -50.0), radius=160.0, velocity=(-speed, 0.0, 0.0))
     world.traffic = [Passing(swarm.Obstacle(name="traffic 1", t=time.time(), what=ball), 0.0)]
     planner = Stubborn(world, 0.0)
 
