@@ -12,7 +12,7 @@ BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
 CORES := $(shell getconf _NPROCESSORS_ONLN)
 WARM := $(BIN)/python -c 'from agents.planner.solve.warm import warm; warm()'
 TYPES := $(BIN)/mypy --strict $(PACKAGES)
-PYTEST_JOBS ?= $(shell expr $(CORES) + 6)
+PYTEST_JOBS ?= $(shell expr $(CORES) + 4)
 ARGS ?=
 TSC := $(shell command -v tsc || ls node_modules/.bin/tsc 2>/dev/null)
 
@@ -41,7 +41,7 @@ help: ## say what can be made (the default)
 	@echo
 	@echo "  PYTHON=python3.12   the Python to make .venv with"
 	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
-	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: six more than there are cores, as most of them wait)"
+	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: four more than there are cores, as most of them wait)"
 
 # The plain demo needs no compiler and no OpenCV, which are half of all; what another does its file says, beside what the
 # plain one has. One's own may need all.
