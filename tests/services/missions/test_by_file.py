@@ -99,8 +99,13 @@ class FilingPeer(MissionPeer):
 
     @property
     def by_item(self) -> int:
-        """Items that were asked for one by one."""
-        return len(self.heard("MISSION_REQUEST_INT"))
+        """Items that were asked for one by one, repetitions aside: on a busy machine an answer may come too late."""
+        asked, lists = set[tuple[int, int]](), 0
+        for told in self.told:
+            lists += told.name == "MISSION_REQUEST_LIST"
+            if told.name == "MISSION_REQUEST_INT":
+                asked.add((lists, told.fields["seq"]))
+        return len(asked)
 
 
 StartFiling = Callable[..., Awaitable[tuple[Bench, FilingPeer]]]
