@@ -69,6 +69,16 @@ class MissionPeer(Peer):
     def home_first(self) -> bool:
         return self.style == "ardupilot"
 
+    @property
+    def by_item(self) -> int:
+        """Items that were asked for one by one, repetitions aside: on a busy machine an answer may come too late."""
+        asked, lists = set[tuple[int, int]](), 0
+        for told in self.told:
+            lists += told.name == "MISSION_REQUEST_LIST"
+            if told.name == "MISSION_REQUEST_INT":
+                asked.add((lists, told.fields["seq"]))
+        return len(asked)
+
     def load(self, kind: int, items: list[Item]) -> None:
         """What is stored before the test begins."""
         home = [dict(HOME)] if kind == MISSION and self.home_first and items else []

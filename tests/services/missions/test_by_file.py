@@ -97,16 +97,6 @@ class FilingPeer(MissionPeer):
         packets = [unpack(each.fields["payload"]) for each in self.heard("FILE_TRANSFER_PROTOCOL")]
         return len({packet.seq for packet in packets if packet.opcode == op})
 
-    @property
-    def by_item(self) -> int:
-        """Items that were asked for one by one, repetitions aside: on a busy machine an answer may come too late."""
-        asked, lists = set[tuple[int, int]](), 0
-        for told in self.told:
-            lists += told.name == "MISSION_REQUEST_LIST"
-            if told.name == "MISSION_REQUEST_INT":
-                asked.add((lists, told.fields["seq"]))
-        return len(asked)
-
 
 StartFiling = Callable[..., Awaitable[tuple[Bench, FilingPeer]]]
 
