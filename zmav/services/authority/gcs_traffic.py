@@ -45,6 +45,7 @@ class GcsTraffic:
         self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
         self._items = {by_name[name].id for name in GUIDED_ITEMS if name in by_name}
         self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
+        self._files = {by_name[name].id for name in (FILES,) if name in by_name}
 
     def start(self) -> None:
         judge = on_loop(asyncio.get_running_loop(), self._judge)
@@ -60,7 +61,7 @@ class GcsTraffic:
         autopilot = self._identity.autopilot
         if autopilot is None or not makes_safe(frame, self._port.dialect, autopilot):
             self._guard()
-        if self._port.dialect.name_of(frame.msgid) == FILES:
+        if frame.msgid in self._files:
             check_request(decode(frame, self._port.dialect)["payload"])
         if self._leases.holder is None:
             return

@@ -57,6 +57,10 @@ async def test_operators_give_goals_and_viewers_look(net: Net, tmp_path: Path) -
         with pytest.raises(Forbidden):
             await viewer.order("obstacle", told)
         assert (await operator.order("obstacle", told))["news"]
+        assert not (await operator.order("obstacle", told))["news"]
+        moved = swarm.Obstacle(name="hut", t=0.5, what=swarm.Box(low=(2.0, 0.0, 0.0), high=(3.0, 1.0, -1.0)))
+        with pytest.raises(Refused, match="overtaken: what is known of hut"):  # not taken, so it is not said to be
+            await operator.order("obstacle", swarm.GiveObstacle(obstacle=moved))
         assert any("by ops" in event.text for event in agent.context.events)
     async with zmav.open(fleet="alpha", connect=[endpoint]) as stranger:
         assert stranger.member is None  # and nobody is in charge of anything any more
